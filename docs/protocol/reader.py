@@ -276,6 +276,7 @@ class Reader:
                 "up": self.numbers("camera.up", self.b.f32, 3),
                 "fov_y": self.number("camera.fov_y", self.b.f32),
             },
+            "root_slope": self.f("root_slope", self.b.f32),
         }
 
     def terrain(self):

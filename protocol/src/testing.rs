@@ -87,6 +87,7 @@ impl MemoryScene {
             background: [0.0; 3],
             terrain: None,
             camera: Camera { eye: [0.0, 1.0, 4.0], target: [0.0, 0.0, 0.0], up: [0.0, 1.0, 0.0], fov_y: 0.9 },
+            root_slope: 0.0,
         };
         header.check().unwrap();
         let index = chunks.iter().map(|infos| index_pages(infos)).collect();

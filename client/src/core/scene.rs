@@ -501,6 +501,7 @@ mod tests {
             background: [0.0; 3],
             terrain: None,
             camera: Camera { eye: [0.0, 0.0, 5.0], target: [0.0; 3], up: [0.0, 1.0, 0.0], fov_y: 1.0 },
+            root_slope: 0.0,
         }
     }
 

@@ -140,7 +140,7 @@ fn regions(origin: [f64; 3]) -> TextureRegions {
 /// The server's scene: several assets in a row, all with the test mesh.
 #[derive(Debug)]
 pub(crate) struct TestScene {
-    header: SceneHeader,
+    pub(crate) header: SceneHeader,
     page: Arc<ScenePage>,
     blobs: BTreeMap<BlobPart, Bytes>,
     /// Bytes to serve instead of the valid ones.
@@ -237,6 +237,7 @@ impl TestScene {
                 background: [0.1; 3],
                 terrain: None,
                 camera: Camera { eye: [0.0, 2.0, 3.0], target: [0.0; 3], up: [0.0, 1.0, 0.0], fov_y: 0.9 },
+                root_slope: 0.0,
             },
             page: Arc::new(ScenePage {
                 assets: vec![entry; assets as usize],

@@ -130,6 +130,7 @@ fn header() -> SceneHeader {
         background: [0.1; 3],
         terrain: None,
         camera: Camera { eye: [0.0, 2.0, 3.0], target: [0.0; 3], up: [0.0, 1.0, 0.0], fov_y: 0.9 },
+        root_slope: 0.0,
     }
 }
 

@@ -49,6 +49,9 @@ pub struct SceneHeader {
     pub terrain: Option<Box<TerrainEntry>>,
     /// The start camera.
     pub camera: Camera,
+    /// Error of proxies without a parent per distance from the start camera, where that sees them; 0 if they have one
+    /// error everywhere.
+    pub root_slope: f32,
 }
 
 encode_fields!(SceneHeader {
@@ -60,7 +63,8 @@ encode_fields!(SceneHeader {
     light,
     background,
     terrain,
-    camera
+    camera,
+    root_slope
 });
 
 /// Ambient light of scenes that specify none, linear RGB.
@@ -280,6 +284,9 @@ pub enum SceneError {
     /// A point that is not finite.
     #[error("the start camera's target is not finite")]
     CameraTarget,
+    /// Not in 0 to 1.
+    #[error("the error of root proxies per distance is not between 0 and 1")]
+    RootSlope,
     /// More than [`MAX_ENTRIES_PER_PAGE`].
     #[error("a scene page has too many entries")]
     TooManyEntries,
@@ -357,7 +364,7 @@ impl SceneHeader {
         ensure(finite32(&self.camera.up), SceneError::CameraUp)?;
         ensure(self.camera.target.iter().all(|x| x.is_finite()), SceneError::CameraTarget)?;
         self.camera.view([1, 1], 1.0).check()?;
-        Ok(())
+        ensure((0.0..=1.0).contains(&self.root_slope), SceneError::RootSlope)
     }
 }
 

@@ -10,6 +10,11 @@ use crate::encoding::encode_fields;
 /// Most levels of a forest of proxies.
 pub const MAX_PROXY_DEPTH: usize = 16;
 
+/// Viewport of the start camera for which roots are made, in pixels.
+pub const START_VIEWPORT_PX: [u32; 2] = [1280, 720];
+/// How many times larger the error of a root is where the start camera does not see it.
+pub const UNSEEN: f64 = 64.0;
+
 /// One proxy. Its asset is placed without translation, rotation and scale: it is in world units.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Proxy {

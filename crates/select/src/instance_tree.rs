@@ -85,7 +85,7 @@ impl TreeQuery {
         let [a, b, c, d] = frustum.sides;
         let planes = [frustum.forward, a, b, c, d].map(|normal| normal.as_dvec3());
         let scale_px = projection.scale_px();
-        Self { eye: projection.eye(), planes, fall: None, least_px: 0.0, scale_px }
+        Self { eye: projection.eye().into(), planes, fall: None, least_px: 0.0, scale_px }
     }
 
     /// Query for spheres in the frustum with a screen radius of at least `least_px`.
@@ -272,7 +272,8 @@ impl InstanceTree {
         let mut best: Option<(f32, Reverse<u32>)> = None;
         for leaf in self.leaves(asset) {
             let ball = &self.balls[leaf];
-            let widest_px = ball.widest_px(ball.center.distance(projection.eye()), projection.scale_px());
+            let widest_px =
+                ball.widest_px(ball.center.distance(projection.eye().into()), projection.scale_px());
             if best.is_some_and(|(px, _)| widest_px < f64::from(px)) {
                 continue;
             }

@@ -85,14 +85,15 @@ impl Projection {
 
     /// A length in pixels at the distance of a sphere's centre, or of its radius if that is larger.
     #[expect(clippy::cast_possible_truncation, reason = "to the nearest f32")]
-    fn length_px(&self, length: f32, center: Vec3, radius: f32) -> f32 {
+    pub(super) fn length_px(&self, length: f32, center: Vec3, radius: f32) -> f32 {
         let distance = f64::from(center.length()).max(f64::from(radius)).max(f64::from(f32::MIN_POSITIVE));
         (f64::from(length) * self.scale_px / distance).min(f64::from(f32::MAX)) as f32
     }
 
     /// Position of the eye.
-    pub(super) const fn eye(&self) -> DVec3 {
-        self.eye
+    #[must_use]
+    pub const fn eye(&self) -> [f64; 3] {
+        self.eye.to_array()
     }
 
     pub(super) const fn frustum(&self) -> &Frustum {

@@ -16,6 +16,7 @@ use super::difference::{Picture, SubtreeBenefit};
 use super::instance_tree::{IndexSet, Instances};
 use super::priority::Priority;
 use super::project::Projection;
+use super::root_error::RootError;
 use super::selection::{Counters, Selection, Wanted};
 use super::settings::SelectSettings;
 use super::state::{AssetState, Chunk};
@@ -73,6 +74,8 @@ struct Drawn {
     is_proxy: bool,
     /// Whether it stands for parts of the instance that are moved.
     is_moved: bool,
+    /// Whether a root is drawn instead, since it looks better yet.
+    is_held: bool,
 }
 
 /// Maxima over the instances of an asset.
@@ -81,6 +84,8 @@ struct AssetOnScreen {
     /// Index of the asset's first chunk in `Selector::chunks`.
     first_chunk: usize,
     visible: bool,
+    /// Whether it is drawn, and not held until it is as fine as a root.
+    is_drawn: bool,
     placed: bool,
     /// Whether a visible instance is so far away that its chunks were not evaluated.
     far: bool,
@@ -186,6 +191,11 @@ impl Selector {
         self.moved = moved;
     }
 
+    /// Sets the errors of root proxies that are made for the scene's start camera. `None` by default.
+    pub const fn set_root_error(&mut self, error: Option<RootError>) {
+        self.cut.set_root_error(error);
+    }
+
     /// What the last call found to be drawn.
     #[must_use]
     pub const fn cut(&self) -> &Cut {
@@ -237,10 +247,25 @@ impl Selector {
         instances: Instances<'_>,
         assets: &[AssetState],
     ) -> &Selection {
-        self.reset(assets);
+        self.select_all(view, instances, assets);
+        if self.selection.wanted.is_empty() && !self.cut.held().is_empty() {
+            // It gets no finer.
+            self.cut.set_all_fine();
+            self.select_all(view, instances, assets);
+        }
+        &self.selection
+    }
+
+    fn select_all(&mut self, view: &View, instances: Instances<'_>, assets: &[AssetState]) {
         let in_use = usage(assets);
-        self.find_cut(view, instances, assets);
-        self.evaluate(view, instances, assets, in_use);
+        // What has become as fine as the root that stands for it is drawn at once; that holds nothing else up.
+        for _ in 0..2 {
+            self.reset(assets);
+            self.find_cut(view, instances, assets);
+            if !self.evaluate(view, instances, assets, in_use) {
+                break;
+            }
+        }
         let threshold = self.choose_threshold(view.target_px, assets);
         if let Some(to_sun) = self.to_sun.filter(|_| self.settings.shadows) {
             self.evaluate_shadows(view, to_sun, threshold, instances, assets);
@@ -269,7 +294,7 @@ impl Selector {
         self.selection.counters.texels = texels;
         let room = self.settings.max_texels.saturating_sub(texels);
         self.textures.list(&mut self.selection, room, assets);
-        self.finish()
+        self.finish();
     }
 
     /// Finds which proxies are drawn. Without proxies, all instances are.
@@ -308,7 +333,7 @@ impl Selector {
     }
 
     /// Sorts the wanted blobs and truncates the list.
-    fn finish(&mut self) -> &Selection {
+    fn finish(&mut self) {
         let selection = &mut self.selection;
         if !self.cut.cut().proxies.is_empty() || self.cut.missing() > 0 {
             // An asset may be wanted for instances and for those below a proxy.
@@ -324,7 +349,6 @@ impl Selector {
             selection.wanted.truncate(most);
         }
         selection.wanted.sort_unstable_by_key(order);
-        selection
     }
 }
 

@@ -57,6 +57,7 @@ pub(super) fn messages() -> Vec<(String, Vec<u8>)> {
         background: [0.5; 3],
         terrain: None,
         camera,
+        root_slope: 0.02,
     };
     let turned = Instance {
         asset: 0,

@@ -41,6 +41,7 @@ impl Unread {
             background: [0.0; 3],
             terrain: None,
             camera: Camera { eye: [0.0, 0.0, 3.0], target: [0.0; 3], up: [0.0, 1.0, 0.0], fov_y: 1.0 },
+            root_slope: 0.0,
         };
         let page = ScenePage {
             assets: vec![asset],

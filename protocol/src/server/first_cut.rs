@@ -221,11 +221,17 @@ impl Forest for Search<'_> {
     }
 
     fn is_missing(&self, asset: u32) -> bool {
-        !self.is_there(asset)
+        !self.assets.contains(&asset) && !self.proxies.contains(&asset)
     }
 
-    fn is_there(&self, asset: u32) -> bool {
-        self.assets.contains(&asset) || self.proxies.contains(&asset)
+    fn is_drawn(&self, proxy: u32) -> bool {
+        self.proxies.contains(&self.scene.proxies().nodes()[proxy as usize].proxy.asset)
+    }
+
+    fn error_within(&self, proxy: u32, center: [f64; 3], radius: f32) -> Option<f32> {
+        let is_root = self.scene.proxies().nodes()[proxy as usize].proxy.parent().is_none();
+        let of = self.scene.root_error().filter(|_| is_root)?;
+        Some(of.error_with_appearance(self.projection.eye(), center, radius))
     }
 
     fn must_open(&self, _: u32, error_px: f32) -> bool {

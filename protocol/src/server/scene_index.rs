@@ -5,7 +5,7 @@ use std::sync::Arc;
 use crate::source::SceneSource;
 use lodestream_scene::description::{AssetEntry, Instance, ScenePage};
 use lodestream_scene::proxy::Proxies;
-use lodestream_select::{InstanceTree, Projection};
+use lodestream_select::{InstanceTree, Projection, RootError};
 
 /// A scene's pages with lookup of assets and instances by number and by view.
 #[derive(Debug)]
@@ -22,6 +22,8 @@ pub(super) struct SceneIndex {
     /// Page of each proxy.
     proxy_pages: Vec<u32>,
     instance_count: usize,
+    /// Errors of the roots, if they are made for the start camera.
+    root_error: Option<RootError>,
 }
 
 impl SceneIndex {
@@ -53,11 +55,17 @@ impl SceneIndex {
             proxies: Proxies::default(),
             proxy_pages: Vec::new(),
             instance_count,
+            root_error: RootError::new(&source.header().camera, source.header().root_slope),
         };
         index.add_proxies();
         let instances = index.pages.iter().flat_map(|page| &page.instances);
         index.tree = InstanceTree::new(instances, |asset| index.asset(asset));
         index
+    }
+
+    /// Errors of the roots, if they are made for the start camera.
+    pub(super) const fn root_error(&self) -> Option<&RootError> {
+        self.root_error.as_ref()
     }
 
     /// Reads the proxies, up to the first that does not fit.

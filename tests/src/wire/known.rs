@@ -336,6 +336,7 @@ fn header(header: &SceneHeader) -> Value {
         "background": header.background,
         "terrain": header.terrain.as_deref().map(terrain),
         "camera": {"eye": camera.eye, "target": camera.target, "up": camera.up, "fov_y": camera.fov_y},
+        "root_slope": header.root_slope,
     })
 }
 

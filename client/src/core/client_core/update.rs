@@ -5,7 +5,7 @@ use std::time::Duration;
 use lodestream_protocol::time::Time;
 use lodestream_scene::blob::{BlobId, BlobPart};
 use lodestream_scene::description::SceneLighting;
-use lodestream_select::State;
+use lodestream_select::{RootError, State};
 
 use super::state::{BLOB_COST, COMPACTION_COST};
 use super::{ClientCore, Progress};
@@ -68,6 +68,9 @@ impl ClientCore {
         let light = self.scene.header.as_ref().map(|header| header.light);
         let shines = |light: &SceneLighting| light.color.iter().any(|&part| part > 0.0);
         self.selection.selector.set_to_sun(light.filter(shines).map(|light| light.direction));
+        let header = self.scene.header.as_ref();
+        let root_error = header.and_then(|header| RootError::new(&header.camera, header.root_slope));
+        self.selection.selector.set_root_error(root_error);
         // A server pushes the base meshes of a cut; a published scene pushes nothing.
         let pushes = self.connection.session.as_mut().is_some_and(|session| session.server().is_some());
         let awaits_push = pushes && !self.connection.bases_sent && self.awaits_first_frame();

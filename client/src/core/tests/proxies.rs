@@ -171,6 +171,46 @@ fn a_proxy_is_replaced_piece_by_piece() {
     }
 }
 
+/// Where a root is made for the start camera, base meshes would often look worse.
+#[test]
+fn a_root_for_the_start_camera_stands_until_what_replaces_it_is_as_fine() {
+    let mut base = usize::MAX;
+    for root_slope in [0.0, 0.005] {
+        let mut scene = TestScene::new(4).with_proxies(&street(4));
+        scene.header.root_slope = root_slope;
+        scene.header.camera =
+            Camera { fov_y: 0.9, up: [0.0, 1.0, 0.0], eye: from(10.0).eye, target: [4.5, 0.0, 0.0] };
+        let mut link = Loopback::new(scene, |_| {});
+        link.rate_bits_per_s = 200_000;
+        link.core.set_view(link.now, from(2000.0));
+        link.connect();
+        let mut picture = Picture::default();
+        picture.settle(&mut link);
+        link.core.set_view(link.now, from(10.0));
+        // Faces of each instance when it is first drawn beside the root.
+        let mut faces: BTreeMap<u32, usize> = BTreeMap::new();
+        while !link.core.is_settled() || link.core.has_changes() {
+            link.run(1);
+            picture.take(&mut link, 2000);
+            let cut = link.core.scene.cut().clone();
+            if cut.proxies != [0] {
+                continue;
+            }
+            for instance in (0..4).filter(|instance| cut.draws(*instance)) {
+                let now = link.core.mesh(instance).unwrap().face_count();
+                faces.entry(instance).or_insert(now);
+            }
+        }
+        assert_eq!(picture.cut.proxies, []);
+        assert!(!faces.is_empty());
+        if root_slope > 0.0 {
+            assert!(faces.values().all(|&faces| faces > base), "{faces:?}, as a base mesh {base}");
+        } else {
+            base = faces.values().copied().min().unwrap();
+        }
+    }
+}
+
 #[test]
 fn no_proxy_stands_for_a_pinned_instance() {
     let mut link = link_from(2000.0);

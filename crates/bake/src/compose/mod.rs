@@ -109,6 +109,7 @@ fn compose_with(
         background: scene.background,
         terrain: scene.terrain.as_ref().map(|terrain| Box::new(terrain.entry.clone())),
         camera,
+        root_slope: forest.map_or(0.0, |(forest, _)| forest.root_slope),
     };
     let terrain = match &scene.terrain {
         Some(terrain) => TerrainBlobs::new(&terrain.terrain)?,

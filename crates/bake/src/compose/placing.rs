@@ -86,6 +86,11 @@ fn enclosing(spheres: &[(DVec3, f64)]) -> (DVec3, f64) {
     (center, spheres.iter().fold(0.0f64, |radius, (c, r)| radius.max(c.distance(center) + r)))
 }
 
+/// Radius of a sphere around the spheres.
+pub(crate) fn radius(spheres: &[(DVec3, f64)]) -> f64 {
+    enclosing(spheres).1
+}
+
 fn framing_camera(spheres: &[(DVec3, f64)]) -> Camera {
     let (target, radius) = enclosing(spheres);
     let fov_y = DEFAULT_FOV_Y_DEGREES.to_radians();

@@ -40,7 +40,14 @@ impl Piece {
     /// # Errors
     /// Blobs that are missing, unreadable or damaged.
     pub(super) fn read(pack: &PackFile, transparent_too: bool) -> Result<Self, StoreError> {
-        let mut base = pack.base()?;
+        Self::of(pack, pack.base()?, transparent_too)
+    }
+
+    /// As [`Self::read`], of a mesh of the pack that replaces its base mesh in `base`.
+    ///
+    /// # Errors
+    /// As there.
+    pub(super) fn of(pack: &PackFile, mut base: Base, transparent_too: bool) -> Result<Self, StoreError> {
         let description = AssetDescription::decode(&base.description)
             .map_err(|why| pack.damaged(DecodeError::new("description", why.to_string())))?;
         let mut colors = corners(pack, &base, &description)?;
@@ -220,6 +227,11 @@ impl Union {
         self.materials.extend(
             piece.shading.iter().map(|&(shading, length)| (shading, length * f64::from(placement.scale))),
         );
+    }
+
+    /// Whether nothing was added that has a face.
+    pub(super) const fn is_empty(&self) -> bool {
+        self.mesh.faces.is_empty()
     }
 
     /// The mesh, with one opaque material of mean roughness and metalness.

@@ -2,12 +2,14 @@
 //! static and dynamic environments", 2001).
 //!
 //! A tree groups the instances by place. The mesh of a leaf is the union of its members' base meshes, that of an inner
-//! node the union of its children's base meshes; each is prepared as any mesh, with a small base mesh. What a scene of
-//! many instances needs before its first frame is then a few of these, not the base mesh of every asset.
+//! node the union of its children's base meshes; each is prepared as any mesh, with a small base mesh. Roots are made for
+//! the start camera. What a scene of many instances needs before its first frame is then a few of these, not the base mesh of every asset.
 
 mod color;
+mod item_buffer;
 mod mesh;
 mod pack;
+mod start;
 #[cfg(test)]
 mod tests;
 mod tree;
@@ -19,6 +21,8 @@ use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
+use glam::{DVec3, Vec3};
+use lodestream_geometry::MeshError;
 use lodestream_geometry::pool::Pool as _;
 use lodestream_scene::description::{AssetEntry, Instance};
 use lodestream_scene::placement::Placement;
@@ -26,17 +30,18 @@ use lodestream_scene::proxy::Proxy;
 use lodestream_store::{PackFile, StoreError};
 use lodestream_threads::Threads;
 
-use crate::compose::placing::{placed, start_camera, visible_first, world_sphere};
+use crate::compose::placing::{placed, radius, start_camera, visible_first, world_sphere};
 use crate::prepare::cache::Key;
 use crate::prepare::settings_key::pack_version;
 use crate::prepare::{Options, PrepareError};
 use crate::scene::Scene;
 use mesh::{NodeMesh, Piece, Union};
+use start::{Components, StartView};
 use tree::{Item, Node, Tree};
 
 /// Version of what packs of proxies are made from. Increment it when the same members give another pack, for reasons other
 /// than those that change all packs.
-const VERSION: u32 = 2;
+const VERSION: u32 = 3;
 /// What names of packs begin with.
 const NAME: &str = "proxy";
 /// Fewest instances, and base meshes in bytes above which a scene gets proxies: below, all of them are sent within the
@@ -51,6 +56,8 @@ pub struct Forest {
     pub(crate) order: Vec<usize>,
     /// Proxies in the order in which they are sent, parents first; [`Proxy::asset`] is an index into the packs.
     pub(crate) proxies: Vec<Proxy>,
+    /// [`root_slope`](lodestream_scene::description::SceneHeader::root_slope).
+    pub(crate) root_slope: f32,
     /// The packs of the proxies.
     pub packs: Vec<PackFile>,
     /// What there is of each level, roots first.
@@ -123,7 +130,7 @@ pub fn make_with(
     if !wanted {
         return Ok(None);
     }
-    let start = Instant::now();
+    let begin = Instant::now();
     let entries: Vec<AssetEntry> = packs.iter().map(|pack| pack.entry("")).collect::<Result<_, _>>()?;
     let (instances, _) = placed(scene, &entries);
     let used: BTreeSet<u32> = instances.iter().map(|instance| instance.asset).collect();
@@ -137,7 +144,8 @@ pub fn make_with(
     }
     let spheres: Vec<_> = instances.iter().map(|i| world_sphere(i, &entries)).collect();
     let mut rank = vec![0; instances.len()];
-    for (at, instance) in visible_first(&start_camera(scene, &spheres), &spheres).into_iter().enumerate() {
+    let camera = start_camera(scene, &spheres);
+    for (at, instance) in visible_first(&camera, &spheres).into_iter().enumerate() {
         rank[instance] = at;
     }
     let item = |(at, instance): (usize, &Instance)| Item {
@@ -153,9 +161,11 @@ pub fn make_with(
     drop(items);
     std::fs::create_dir_all(folder)
         .map_err(|source| PrepareError::Write { path: folder.to_owned(), source })?;
-    let maker = Maker { tree: &tree, instances: &instances, entries: &entries, packs, folder };
+    let start = StartView::new(&camera, radius(&spheres));
+    let maker = Maker { tree: &tree, instances: &instances, entries: &entries, packs, folder, start };
     let made = maker.all(options.threads.map_or_else(Threads::all_cores, Threads::new), fetch)?;
     let mut forest = Forest {
+        root_slope: made.iter().map(|made| made.stated.slope).fold(0.0, f32::max),
         proxies: Vec::with_capacity(made.len()),
         packs: Vec::with_capacity(made.len()),
         levels: Vec::new(),
@@ -176,11 +186,11 @@ pub fn make_with(
             first_instance: node.instances.start as u32,
             instance_count: node.instances.len() as u32,
             child_count: node.children.len() as u32,
-            error: made.error,
+            error: made.stated.error,
         });
     }
     forest.order = tree.order;
-    forest.time = start.elapsed();
+    forest.time = begin.elapsed();
     Ok(Some(forest))
 }
 
@@ -188,7 +198,7 @@ pub fn make_with(
 struct Made {
     pack: PackFile,
     entry: AssetEntry,
-    error: f32,
+    stated: pack::Stated,
     prepared: bool,
 }
 
@@ -198,6 +208,7 @@ struct Maker<'a> {
     entries: &'a [AssetEntry],
     packs: &'a [PackFile],
     folder: &'a Path,
+    start: StartView,
 }
 
 /// A member of a node: a placed base mesh.
@@ -227,7 +238,7 @@ impl Maker<'_> {
             let own =
                 if level.len() < threads.count().get() { threads } else { Threads::new(NonZeroUsize::MIN) };
             for node in level {
-                let key = key(&self.members(node, &made));
+                let key = self.key(node, &made);
                 let path = key.path(self.folder, NAME);
                 if !path.exists() {
                     fetch(&path, &key);
@@ -235,8 +246,8 @@ impl Maker<'_> {
             }
             let slots: Vec<_> = level.iter().map(|_| Mutex::new(None)).collect();
             let one = |i: usize| {
-                let node: Result<Made, PrepareError> = self.node(&level[i], &made, own);
-                *slots[i].lock().unwrap_or_else(PoisonError::into_inner) = Some(node);
+                *slots[i].lock().unwrap_or_else(PoisonError::into_inner) =
+                    Some(self.make(first + i, &made, own));
             };
             threads.run(level.len(), &one);
             let results: Vec<_> = slots
@@ -245,7 +256,7 @@ impl Maker<'_> {
                 .collect();
             for (i, result) in results.into_iter().enumerate() {
                 // A pool that runs no task leaves it to us.
-                let result = result.unwrap_or_else(|| self.node(&level[i], &made, own));
+                let result = result.unwrap_or_else(|| self.make(first + i, &made, own));
                 made[first + i] = Some(result?);
             }
             end = first;
@@ -275,30 +286,132 @@ impl Maker<'_> {
                 placement: Placement::default(),
                 part: (of.instances.start - node.instances.start) as u32,
                 is_instance: false,
-                error: f64::from(made.entry.root_error) + f64::from(made.error),
+                error: f64::from(made.entry.root_error) + f64::from(made.stated.error),
             })
         });
         instances.chain(children).collect()
     }
 
+    fn make(&self, number: usize, made: &[Option<Made>], threads: Threads) -> Result<Made, PrepareError> {
+        let node = &self.tree.nodes[number];
+        if node.parent.is_some() { self.node(node, made, threads) } else { self.root(number, made, threads) }
+    }
+
+    /// The key of a node's pack: what its members' packs hold, where they are, and for a root the start camera.
+    fn key(&self, node: &Node, made: &[Option<Made>]) -> Key {
+        let start = if node.parent.is_none() { self.start.key() } else { Vec::new() };
+        key(&self.members(node, made), &start)
+    }
+
+    /// The pack of a root, whose base mesh is made for the start camera.
+    fn root(&self, number: usize, made: &[Option<Made>], threads: Threads) -> Result<Made, PrepareError> {
+        let key = self.key(&self.tree.nodes[number], made);
+        let path = key.path(self.folder, NAME);
+        let (pack, stated, prepared) = match pack::open(&path, &key) {
+            Some((pack, stated)) => (pack, stated, false),
+            None => {
+                let (base, stated) = self.root_base(number, made, threads, &path)?;
+                let (pack, stated) = pack::write_base(&base, stated, &path, &key)?;
+                (pack, stated, true)
+            }
+        };
+        let entry = pack.entry("")?;
+        Ok(Made { pack, entry, stated, prepared })
+    }
+
+    /// The base blob of a root: with the smallest error that gives few enough bytes.
+    fn root_base(
+        &self,
+        number: usize,
+        made: &[Option<Made>],
+        threads: Threads,
+        path: &Path,
+    ) -> Result<(Vec<u8>, pack::Stated), PrepareError> {
+        let mesh_error = |source| PrepareError::Mesh { path: path.to_owned(), source };
+        let mut fine = Union::default();
+        let mut source_error = self.gather(number, false, made, &mut fine)?;
+        if fine.is_empty() {
+            source_error = self.gather(number, true, made, &mut fine)?;
+        }
+        let fine = fine.finish();
+        let components = Components::new(&fine.mesh, &self.start);
+        let most_bytes = start::MAX_BYTES / self.tree.nodes.iter().filter(|n| n.parent.is_none()).count();
+        let mut tries = start::ERRORS_PX.into_iter().peekable();
+        while let Some(error_px) = tries.next() {
+            let (mesh, error) =
+                self.start.simplified(&fine.mesh, &components, error_px, threads).map_err(mesh_error)?;
+            let mesh = NodeMesh { mesh, material: fine.material.clone(), ..fine };
+            let base = pack::whole_base(&mesh, self.start.rounding(error_px)).map_err(mesh_error)?;
+            if base.len() <= most_bytes || tries.peek().is_none() {
+                let error = source_error.max(mesh.appearance_error) + error + self.start.rounding(error_px);
+                let slope = (self.start.slope(error_px) as f32).min(1.0);
+                return Ok((base, pack::Stated { error: (error as f32).next_up(), slope }));
+            }
+        }
+        Err(mesh_error(MeshError::NoFaces { dropped: 0 }))
+    }
+
+    /// Adds the meshes of a node that are fine enough to be simplified for the start camera. Gives their largest error.
+    fn gather(
+        &self,
+        root: usize,
+        transparent_too: bool,
+        made: &[Option<Made>],
+        union: &mut Union,
+    ) -> Result<f64, PrepareError> {
+        let first = self.tree.nodes[root].instances.start;
+        let (mut nodes, mut instances) = (vec![root], Vec::new());
+        let mut most = 0.0_f64;
+        while let Some(number) = nodes.pop() {
+            let node = &self.tree.nodes[number];
+            for &child in &node.children {
+                let Some(of) = &made[child] else { continue };
+                let error = f64::from(of.entry.root_error) + f64::from(of.stated.error);
+                let sphere = of.entry.sphere;
+                let center = DVec3::from(of.entry.origin) + Vec3::from(sphere.center).as_dvec3();
+                if self.start.is_fine(error, center, f64::from(sphere.radius)) {
+                    let part = self.tree.nodes[child].instances.start - first;
+                    union.add(&Piece::read(&of.pack, transparent_too)?, &Placement::default(), part as u32);
+                    most = most.max(error);
+                } else {
+                    nodes.push(child);
+                }
+            }
+            instances.extend(node.instances.clone().filter(|_| node.children.is_empty()));
+        }
+        // One asset in memory at a time.
+        let asset_of = |number: usize| self.instances[self.tree.order[number]].asset;
+        instances.sort_unstable_by_key(|&number| (asset_of(number), number));
+        for of_asset in instances.chunk_by(|a, b| asset_of(*a) == asset_of(*b)) {
+            let pack = &self.packs[asset_of(of_asset[0]) as usize];
+            let asset = pack.load()?;
+            for &number in of_asset {
+                let placement = &self.instances[self.tree.order[number]].placement;
+                let piece = self.start.refined(pack, &asset, placement, transparent_too)?;
+                union.add(&piece.into_one_part(), placement, (number - first) as u32);
+            }
+        }
+        Ok(most)
+    }
+
     fn node(&self, node: &Node, made: &[Option<Made>], threads: Threads) -> Result<Made, PrepareError> {
         let members = self.members(node, made);
-        let key = key(&members);
+        let key = self.key(node, made);
         let path = key.path(self.folder, NAME);
-        let (pack, error, prepared) = match pack::open(&path, &key) {
-            Some((pack, error)) => (pack, error, false),
+        let (pack, stated, prepared) = match pack::open(&path, &key) {
+            Some((pack, stated)) => (pack, stated, false),
             None => {
                 let mut mesh = union(&members, false)?;
                 if mesh.mesh.faces.is_empty() {
                     mesh = union(&members, true)?;
                 }
                 let error = members.iter().map(|member| member.error).fold(mesh.appearance_error, f64::max);
-                let (pack, error) = pack::write(mesh, error, threads, &path, &key)?;
-                (pack, error, true)
+                let (pack, stated) = pack::write(mesh, error, threads, &path, &key)?;
+                (pack, stated, true)
             }
         };
         let entry = pack.entry("")?;
-        Ok(Made { pack, entry, error, prepared })
+        Ok(Made { pack, entry, stated, prepared })
     }
 }
 
@@ -319,10 +432,11 @@ fn union(members: &[Member<'_>], transparent_too: bool) -> Result<NodeMesh, Prep
     Ok(union.finish())
 }
 
-/// The key of a node's pack: what its members' packs hold, and where they are.
-fn key(members: &[Member<'_>]) -> Key {
+/// The key of a pack of members, and of what else it is made from.
+fn key(members: &[Member<'_>], more: &[u8]) -> Key {
     let mut bytes = VERSION.to_le_bytes().to_vec();
     bytes.extend([pack::BASE_ERROR, pack::VISIBLE_SIDE].iter().flat_map(|x| x.to_le_bytes()));
+    bytes.extend(more);
     for Member { pack, number: _, placement, part, is_instance: _, error } in members {
         bytes.extend(pack.fingerprint());
         let Placement { translation, rotation, scale } = placement;

@@ -4,11 +4,13 @@ use std::path::Path;
 
 use lodestream_compress::whole_file::write_atomically;
 use lodestream_compress::{encode_base, prepare};
+use lodestream_geometry::base::Base;
+use lodestream_geometry::mesh::{QuantisedMesh, SourceMesh};
 use lodestream_geometry::pack::{self, BlobKind};
 use lodestream_geometry::pool::Silent;
-use lodestream_geometry::prepare::suit;
+use lodestream_geometry::prepare::{suit, whole};
 use lodestream_geometry::quantise::{Precision, QuantiseSettings, quantise};
-use lodestream_geometry::{MeshError, Settings};
+use lodestream_geometry::{Codec, MeshError, Settings};
 use lodestream_scene::asset::AssetDescription;
 use lodestream_store::PackFile;
 use lodestream_threads::Threads;
@@ -29,15 +31,24 @@ const ROUNDING_OF_ERROR: f64 = 1.0 / 16.0;
 
 /// What the settings of a pack begin with, before the error that the proxy states.
 const SETTINGS: &str = "proxy, error ";
+const SLOPE: &str = ", per distance ";
 
-/// Opens a pack of the cache, unless it is missing, damaged or made from something else, with the error that was stated
-/// for it.
-pub(super) fn open(path: &Path, key: &Key) -> Option<(PackFile, f32)> {
+/// What a pack states of its proxy.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Stated {
+    /// Error of the finest mesh.
+    pub(super) error: f32,
+    /// [`root_slope`](lodestream_scene::description::SceneHeader::root_slope) of a root, else 0.
+    pub(super) slope: f32,
+}
+
+/// Opens a pack of the cache, unless it is missing, damaged or made from something else, with what was stated for it.
+pub(super) fn open(path: &Path, key: &Key) -> Option<(PackFile, Stated)> {
     let pack = PackFile::open(path).ok().filter(|pack| pack.made_from() == key.bytes())?;
     pack.verify().and_then(|()| pack.base_faces()).ok()?;
     let text = pack.settings().ok()?;
-    let error = text.strip_prefix(SETTINGS)?.parse().ok()?;
-    Some((pack, error))
+    let (error, slope) = text.strip_prefix(SETTINGS)?.split_once(SLOPE)?;
+    Some((pack, Stated { error: error.parse().ok()?, slope: slope.parse().ok()? }))
 }
 
 /// Largest distance between a position and its grid point, for members with the given error.
@@ -49,7 +60,7 @@ fn rounding(mesh: &NodeMesh, members_error: f64) -> Precision {
     if length > 0.0 && length.is_finite() { Precision::Tolerance(length) } else { Precision::Bits(8) }
 }
 
-/// Prepares a node's mesh, whose members have the given error, and writes its pack. Gives the error of the finest mesh.
+/// Prepares a node's mesh, whose members have the given error, and writes its pack.
 ///
 /// # Errors
 /// A mesh without a usable face, a file that cannot be written.
@@ -59,33 +70,77 @@ pub(super) fn write(
     threads: Threads,
     path: &Path,
     key: &Key,
-) -> Result<(PackFile, f32), PrepareError> {
+) -> Result<(PackFile, Stated), PrepareError> {
     let mesh_error = |source| PrepareError::Mesh { path: path.to_owned(), source };
-    let description =
-        AssetDescription { materials: vec![mesh.material.clone()], ..AssetDescription::default() };
-    let internal = |why: String| mesh_error(MeshError::Internal { why });
-    let description = description.encode().map_err(|why| internal(why.to_string()))?;
-    let settings =
-        QuantiseSettings { precision: rounding(&mesh, members_error), ..QuantiseSettings::default() };
-    let mut quantised = quantise(&mesh.mesh, &settings).map_err(mesh_error)?;
+    let description = describe(&mesh).map_err(mesh_error)?;
+    let (quantised, codec) = quantised(&mesh.mesh, rounding(&mesh, members_error)).map_err(mesh_error)?;
     drop(mesh);
-    let codec = CodecChoice::Auto.of(&quantised);
-    suit(&mut quantised, codec);
     let settings =
         Settings { base_error: BASE_ERROR, visible_side: VISIBLE_SIDE, codec, ..Settings::default() };
     let mut prepared = prepare(&quantised, &settings, &threads, &Silent).map_err(mesh_error)?;
     prepared.base.description = description;
-    let base = encode_base(&prepared.base).map_err(|why| internal(why.to_string()))?;
+    let base = encoded(&prepared.base).map_err(mesh_error)?;
     let mut blobs: Vec<(BlobKind, &[u8])> = vec![(BlobKind::Base, &base)];
     blobs.extend((0..).zip(&prepared.pages).map(|(i, page)| (BlobKind::IndexPage(i), &page[..])));
     blobs.extend((0..).zip(&prepared.chunks).map(|(i, chunk)| (BlobKind::Chunk(i), &chunk[..])));
     // A grid point is at most half a cell away along each axis; the sum is rounded up.
     let rounding = prepared.base.grid.step * 3.0_f64.sqrt() / 2.0;
     let error = ((members_error + rounding) as f32).next_up();
-    let settings = format!("{SETTINGS}{error}");
+    store(blobs, Stated { error, slope: 0.0 }, path, key)
+}
+
+/// The base blob of a mesh that is its own base mesh, with positions rounded by at most a length.
+///
+/// # Errors
+/// A mesh without a usable face.
+pub(super) fn whole_base(mesh: &NodeMesh, rounding: f64) -> Result<Vec<u8>, MeshError> {
+    let (quantised, codec) = quantised(&mesh.mesh, Precision::Tolerance(rounding))?;
+    let mut base = whole(&quantised, codec)?;
+    base.description = describe(mesh)?;
+    encoded(&base)
+}
+
+/// Writes a pack that has a base blob alone.
+///
+/// # Errors
+/// A file that cannot be written.
+pub(super) fn write_base(
+    base: &[u8],
+    stated: Stated,
+    path: &Path,
+    key: &Key,
+) -> Result<(PackFile, Stated), PrepareError> {
+    store(vec![(BlobKind::Base, base)], stated, path, key)
+}
+
+fn describe(mesh: &NodeMesh) -> Result<Vec<u8>, MeshError> {
+    let description =
+        AssetDescription { materials: vec![mesh.material.clone()], ..AssetDescription::default() };
+    description.encode().map_err(|why| MeshError::Internal { why: why.to_string() })
+}
+
+fn quantised(mesh: &SourceMesh, precision: Precision) -> Result<(QuantisedMesh, Codec), MeshError> {
+    let mut quantised = quantise(mesh, &QuantiseSettings { precision, ..QuantiseSettings::default() })?;
+    let codec = CodecChoice::Auto.of(&quantised);
+    suit(&mut quantised, codec);
+    Ok((quantised, codec))
+}
+
+fn encoded(base: &Base) -> Result<Vec<u8>, MeshError> {
+    encode_base(base).map_err(|why| MeshError::Internal { why: why.to_string() })
+}
+
+fn store(
+    blobs: Vec<(BlobKind, &[u8])>,
+    stated: Stated,
+    path: &Path,
+    key: &Key,
+) -> Result<(PackFile, Stated), PrepareError> {
+    let settings = format!("{SETTINGS}{}{SLOPE}{}", stated.error, stated.slope);
+    let mut blobs = blobs;
     blobs.push((BlobKind::Settings, settings.as_bytes()));
     let write_error = |source| PrepareError::Write { path: path.to_owned(), source };
     let bytes = pack::write(key.bytes(), &blobs).map_err(|why| write_error(std::io::Error::other(why)))?;
     write_atomically(path, |out| out.write_all(&bytes)).map_err(write_error)?;
-    Ok((PackFile::open(path)?, error))
+    Ok((PackFile::open(path)?, stated))
 }

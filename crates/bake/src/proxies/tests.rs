@@ -151,8 +151,55 @@ fn each_level_stands_for_each_instance_once_and_errors_hold() {
         }
         assert!(largest <= error * 1.001, "{largest} but the proxy states {error}");
         // Far below would mean that nothing is gained: a client refines by the stated error.
-        assert!(error < 60.0 * largest && base.faces.len() < mesh.faces.len(), "{error} {largest}");
+        assert!(error < 60.0 * largest, "{error} {largest}");
+        let is_root = node.proxy.parent().is_none();
+        assert!(is_root || base.faces.len() < mesh.faces.len(), "{error} {largest}");
     }
+}
+
+/// What is near, the camera sees from above; what is farther may be hidden.
+#[test]
+fn roots_err_by_a_share_of_the_distance_from_the_start_camera() {
+    let dir = TempDir::new().unwrap();
+    let (scene, packs) = prepared(&write(dir.path(), 160, ""), dir.path());
+    let forest = make(&scene, &packs, dir.path(), &options(2)).unwrap().unwrap();
+    let slope = f64::from(forest.root_slope);
+    let bytes = base_bytes(&forest.packs[0]);
+    assert!(slope > 0.0 && slope < 0.1 && bytes <= start::MAX_BYTES, "{slope} {bytes}");
+    let root = finest(&forest.packs[0]);
+    let to_root = surface(&root);
+    let camera = scene.camera.unwrap();
+    let (eye, frustum) = (DVec3::from(camera.eye), camera.view([1280, 720], 1.0).frustum());
+    let (proxy, mut faces) = (&forest.proxies[0], vec![0; forest.order.len()]);
+    triangles(&root).iter().for_each(|corners| faces[root.parts[corners[0] as usize] as usize] += 1);
+    // Faces and number of instances that are seen near by, and of those out of view.
+    let (mut seen, mut unseen) = ([0, 0], [0, 0]);
+    for number in proxy.instances() {
+        let instance = &scene.instances.as_deref().unwrap()[forest.order[number as usize]];
+        let points = positions(&finest(&packs[instance.asset as usize]));
+        let points: Vec<DVec3> =
+            points.iter().map(|&point| instance.placement.to_world(point.into())).collect();
+        let is_in_view = points.iter().any(|point| frustum.sees((*point - eye).as_vec3(), 0.0));
+        let is_near = points.iter().all(|point| point.distance(eye) < 120.0);
+        if is_in_view && !is_near {
+            continue;
+        }
+        let count = if is_in_view { &mut seen } else { &mut unseen };
+        *count = [count[0] + faces[number as usize], count[1] + 1];
+        for point in points.into_iter().filter(|_| is_in_view) {
+            let (distance, _) = to_root.nearest(point.to_array(), f64::INFINITY).unwrap();
+            // The source has half of the first error, and positions are rounded.
+            assert!(distance <= 1.6 * slope * point.distance(eye), "{distance} at {point}");
+        }
+    }
+    assert!(
+        seen[1] > 4 && unseen[1] > 1 && seen[0] * unseen[1] > 2 * unseen[0] * seen[1],
+        "{seen:?} {unseen:?}"
+    );
+}
+
+fn base_bytes(pack: &PackFile) -> usize {
+    pack.read(BlobPart::Base).unwrap().len()
 }
 
 #[test]

@@ -67,6 +67,7 @@ impl MemoryScene {
                 up: [0.0, 1.0, 0.0],
                 fov_y: 1.0,
             },
+            root_slope: 0.0,
         };
         Self { header, page: Arc::new(page), base_bytes, texture_bytes }
     }

@@ -148,9 +148,43 @@ fn build_base(
             .collect(),
         parts: vertices.iter().filter_map(|&v| mesh.parts.get(v as usize).copied()).collect(),
     };
+    let sizes = LevelSizes {
+        chunks: simplified.levels.chunk_count() as u32,
+        levels: simplified.levels.count().min(255) as u8,
+        shifts: simplified.shifts.iter().rev().copied().collect(),
+    };
+    let (base, ordered) = ordered_base(mesh, &coarsest, materials, codec, sizes)?;
+    let pick = |list: &[u32], order: &[u32]| order.iter().map(|&i| list[i as usize]).collect();
+    let by_slot = BySlot {
+        vertices: pick(&vertices, &ordered.vertices),
+        wedges: pick(&wedges, &ordered.wedges),
+        faces: ordered.faces.iter().map(|&i| faces[i as usize].0).collect(),
+    };
+    Ok((base, by_slot))
+}
+
+/// What is above a base mesh: see [`Base`].
+struct LevelSizes {
+    chunks: u32,
+    levels: u8,
+    shifts: Vec<u8>,
+}
+
+/// The base mesh of a mesh whose coarsest form is given, with its vertices, wedges and faces by their numbers there.
+fn ordered_base(
+    mesh: &QuantisedMesh,
+    coarsest: &BaseMesh,
+    materials: u16,
+    codec: Codec,
+    sizes: LevelSizes,
+) -> Result<(Base, Order), MeshError> {
     let parts = mesh.part_count();
-    if faces.len() > MAX_BASE_FACES {
-        return Err(MeshError::TooLarge { kind: "base faces", count: faces.len(), limit: MAX_BASE_FACES });
+    if coarsest.faces.len() > MAX_BASE_FACES {
+        return Err(MeshError::TooLarge {
+            kind: "base faces",
+            count: coarsest.faces.len(),
+            limit: MAX_BASE_FACES,
+        });
     }
     let kinds = Kinds {
         uv_bits: mesh.uv_grid.bits,
@@ -158,7 +192,7 @@ fn build_base(
         normals: mesh.wedges.iter().any(|w| w.attributes.normal.is_some()),
     };
     let ordered =
-        base::ordered(&coarsest, BaseFormat::new(mesh.grid.bits, kinds, materials, parts, &mesh.uv_grid))
+        base::ordered(coarsest, BaseFormat::new(mesh.grid.bits, kinds, materials, parts, &mesh.uv_grid))
             .map_err(|e| MeshError::Internal { why: e.to_string() })?;
     let mut min = [i32::MAX; 3];
     let mut max = [i32::MIN; 3];
@@ -177,8 +211,8 @@ fn build_base(
         sphere: Sphere { center: center.map(|x| x as f32), radius: round_up(radius) },
         diagonal: (2.0 * radius) as f32,
         geometric_error: 0.0,
-        chunk_count: simplified.levels.chunk_count() as u32,
-        level_count: simplified.levels.count().min(255) as u8,
+        chunk_count: sizes.chunks,
+        level_count: sizes.levels,
         material_count: materials,
         part_count: parts,
         codec,
@@ -191,18 +225,40 @@ fn build_base(
         },
         description: Vec::new(),
         positions: ordered.mesh.positions,
-        shifts: simplified.shifts.iter().rev().copied().collect(),
+        shifts: sizes.shifts,
         wedges: ordered.mesh.wedges,
         faces: ordered.mesh.faces,
         parts: ordered.mesh.parts,
     };
-    let pick = |list: &[u32], order: &[u32]| order.iter().map(|&i| list[i as usize]).collect();
-    let by_slot = BySlot {
-        vertices: pick(&vertices, &ordered.vertices),
-        wedges: pick(&wedges, &ordered.wedges),
-        faces: ordered.faces.iter().map(|&i| faces[i as usize].0).collect(),
+    Ok((base, Order { vertices: ordered.vertices, wedges: ordered.wedges, faces: ordered.faces }))
+}
+
+/// Numbers of vertices, wedges and faces in a given mesh, by those in its base mesh.
+struct Order {
+    vertices: Vec<u32>,
+    wedges: Vec<u32>,
+    faces: Vec<u32>,
+}
+
+/// A base mesh that is a whole mesh, without chunks. Cost: as coding it.
+///
+/// # Errors
+/// [`MeshError::NoFaces`] for an empty mesh, [`MeshError::TooLarge`] beyond [`MAX_BASE_FACES`].
+pub fn whole(mesh: &QuantisedMesh, codec: Codec) -> Result<Base, MeshError> {
+    let Some(last) = mesh.faces.iter().map(|face| face.material).max() else {
+        return Err(MeshError::NoFaces { dropped: 0 });
     };
-    Ok((base, by_slot))
+    let limit = usize::from(u16::MAX);
+    let materials =
+        last.checked_add(1).ok_or(MeshError::TooLarge { kind: "materials", count: limit + 1, limit })?;
+    let coarsest = BaseMesh {
+        positions: mesh.positions.clone(),
+        wedges: mesh.wedges.clone(),
+        faces: mesh.faces.clone(),
+        parts: mesh.parts.clone(),
+    };
+    let sizes = LevelSizes { chunks: 0, levels: 0, shifts: vec![0] };
+    Ok(ordered_base(mesh, &coarsest, materials, codec, sizes)?.0)
 }
 
 /// The part of an encoded chunk that is kept: not its delta, since all deltas are as large as the mesh.

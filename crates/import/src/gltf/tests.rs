@@ -396,7 +396,8 @@ fn a_basis_universal_texture_takes_the_place_of_its_fallback() {
     let imported = model.read().unwrap();
     assert!(imported.warnings.is_empty(), "{:?}", imported.warnings);
     let source = crate::texture::TextureSource::opaque(imported.materials[0].maps.color.clone().unwrap());
-    let texture = crate::texture::load(&source, Default::default(), &lodestream_geometry::pool::Serial).unwrap();
+    let texture =
+        crate::texture::load(&source, Default::default(), &lodestream_geometry::pool::Serial).unwrap();
     assert_eq!((texture.width_px, texture.height_px), (14, 10));
     // Files beside the model, too, whatever extension names them.
     model.json["images"][1] = json!({"uri": "beside.ktx2"});

@@ -139,6 +139,7 @@ fn a_scenes_first_frame_waits_neither_for_its_sky_nor_for_a_pipeline() {
             up: [0.0, 1.0, 0.0],
             fov_y: 0.9,
         },
+        root_slope: 0.0,
     };
     let mut scene = crate::SceneView::new();
     scene.push(vec![Change::Scene(Box::new(header.clone())), Change::FirstFrame]);

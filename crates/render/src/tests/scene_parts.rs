@@ -172,6 +172,7 @@ fn states_from_before_the_first_scene_are_kept_and_those_of_another_scene_are_no
         background: DEFAULT_BACKGROUND,
         terrain: None,
         camera: Camera { eye: [0.0, 0.0, 5.0], target: [0.0; 3], up: [0.0, 1.0, 0.0], fov_y: 0.9 },
+        root_slope: 0.0,
     };
     let begins = || vec![Change::Scene(Box::new(header.clone())), instances(&PLACES)];
     let mut view = SceneView::new();

@@ -7,12 +7,14 @@
 use std::collections::BTreeMap;
 use std::ops::Range;
 
+use glam::DVec3;
 use lodestream_scene::description::{AssetEntry, Instance};
 use lodestream_scene::proxy::Proxies;
 
 use crate::difference::Picture;
 use crate::priority::{Priority, refine_priority};
 use crate::project::{Bounds, Projection};
+use crate::root_error::middle;
 
 /// What a scene consists of, and what of it a cut has.
 pub trait Forest {
@@ -24,10 +26,12 @@ pub trait Forest {
     fn entry(&self, asset: u32) -> Option<&AssetEntry>;
     /// Whether an asset's base mesh is to come.
     fn is_missing(&self, asset: u32) -> bool;
-    /// Whether an asset's base mesh is there.
-    fn is_there(&self, asset: u32) -> bool;
+    /// Whether the mesh of a proxy is there and drawn where nothing finer is.
+    fn is_drawn(&self, proxy: u32) -> bool;
     /// Whether a proxy in view that errs by so many pixels must be replaced.
     fn must_open(&self, proxy: u32, error_px: f32) -> bool;
+    /// Error of a drawn proxy in a sphere, where it is smaller there than that of the whole proxy.
+    fn error_within(&self, proxy: u32, center: [f64; 3], radius: f32) -> Option<f32>;
 }
 
 /// A proxy or an instance that is placed.
@@ -84,9 +88,11 @@ pub fn finer(
     for number in drawn {
         let proxy = forest.proxies().nodes()[number as usize].proxy;
         if let Some(entry) = forest.entry(proxy.asset) {
-            let mut search = Search { forest, projection, below: Below::default(), found: &mut found };
+            let error = proxy.error + entry.root_error;
+            let below = Below::default();
+            let mut search = Search { forest, projection, drawn: (number, error), below, found: &mut found };
             search.look_below(number);
-            search.below.choose(picture, proxy.error + entry.root_error, &mut found);
+            search.below.choose(picture, &mut found);
         }
     }
     found.finer.into_values().collect()
@@ -130,6 +136,8 @@ struct Piece {
     asset: u32,
     placed: Placed,
     bounds: Bounds,
+    /// Error of what is drawn there, in world units.
+    drawn_error: f32,
     /// Error of the base mesh, in world units.
     error: f32,
     bytes: u32,
@@ -166,8 +174,8 @@ impl Piece {
 impl Below {
     /// Lists the pieces, and each proxy between that makes more difference per byte than the pieces for which it stands:
     /// these count from its error then.
-    fn choose(&self, picture: &Picture, drawn_error: f32, found: &mut Found) {
-        let mut errors = vec![drawn_error; self.pieces.len()];
+    fn choose(&self, picture: &Picture, found: &mut Found) {
+        let mut errors: Vec<f32> = self.pieces.iter().map(|piece| piece.drawn_error).collect();
         for of in &self.between {
             let (pieces, errors) = (&self.pieces[of.pieces.clone()], &mut errors[of.pieces.clone()]);
             let (mut own, mut below, mut bytes) = (0.0, 0.0, 0.0);
@@ -203,6 +211,8 @@ impl Below {
 struct Search<'a, F> {
     forest: &'a F,
     projection: &'a Projection,
+    /// The drawn proxy, and its error.
+    drawn: (u32, f32),
     below: Below,
     found: &'a mut Found,
 }
@@ -217,14 +227,15 @@ impl<'a, F: Forest> Search<'a, F> {
             let Some(entry) = forest.entry(proxy.asset) else { continue };
             let bounds = self.projection.bounds_within(entry, proxy.error);
             // What is below one that is there makes that one finer.
-            if !bounds.visible || forest.is_there(proxy.asset) {
+            if !bounds.visible || forest.is_drawn(child) {
                 continue;
             }
             #[expect(clippy::cast_possible_truncation, reason = "to the nearest f32")]
             let error_px = self.projection.error_px(f64::from(proxy.error), bounds.depth) as f32;
             let error = proxy.error + entry.root_error;
             if !forest.must_open(child, error_px) {
-                self.add(proxy.asset, Placed::Proxy(child), error, bounds);
+                let center = middle(entry.origin, entry.sphere.center);
+                self.add(proxy.asset, Placed::Proxy(child), error, bounds, (center, entry.sphere.radius));
                 continue;
             }
             let at = self.below.between.len();
@@ -249,17 +260,29 @@ impl<'a, F: Forest> Search<'a, F> {
             let Some(entry) = forest.entry(of.asset) else { continue };
             let bounds = self.projection.bounds(entry, of);
             if bounds.visible {
-                self.add(of.asset, Placed::Instance(instance), entry.root_error * of.placement.scale, bounds);
+                let scale = of.placement.scale;
+                let sphere = (of.to_world(entry.origin, entry.sphere.center), entry.sphere.radius * scale);
+                self.add(of.asset, Placed::Instance(instance), entry.root_error * scale, bounds, sphere);
             }
         }
     }
 
     /// Adds a use of a base mesh that is missing.
-    fn add(&mut self, asset: u32, placed: Placed, error: f32, bounds: Bounds) {
+    fn add(
+        &mut self,
+        asset: u32,
+        placed: Placed,
+        error: f32,
+        bounds: Bounds,
+        (center, radius): (DVec3, f32),
+    ) {
         if let Some(entry) = self.forest.entry(asset).filter(|_| self.forest.is_missing(asset)) {
             let is_shared = self.found.count(asset);
             let bytes = entry.base_bytes;
-            self.below.pieces.push(Piece { asset, placed, bounds, error, bytes, is_shared });
+            let (drawn, of_all) = self.drawn;
+            let within = self.forest.error_within(drawn, center.to_array(), radius);
+            let drawn_error = within.map_or(of_all, |error| error.min(of_all));
+            self.below.pieces.push(Piece { asset, placed, bounds, drawn_error, error, bytes, is_shared });
         }
     }
 }
@@ -282,6 +305,8 @@ mod tests {
         instances: Vec<Instance>,
         /// Of the root, the proxy between and the instances.
         entries: Vec<AssetEntry>,
+        /// Error of the root around the instances.
+        within: Option<f32>,
     }
 
     impl Scene {
@@ -297,6 +322,7 @@ mod tests {
                 proxies,
                 instances: vec![Instance::at(2, [0.0; 3]), Instance::at(3, [1.0, 0.0, 0.0])],
                 entries: vec![entry(100), entry(bytes[0]), entry(bytes[1]), entry(bytes[1])],
+                within: None,
             }
         }
 
@@ -331,8 +357,12 @@ mod tests {
             asset > 0
         }
 
-        fn is_there(&self, asset: u32) -> bool {
-            asset == 0
+        fn is_drawn(&self, proxy: u32) -> bool {
+            proxy == 0
+        }
+
+        fn error_within(&self, _: u32, _: [f64; 3], _: f32) -> Option<f32> {
+            self.within
         }
 
         fn must_open(&self, _: u32, _: f32) -> bool {
@@ -349,6 +379,15 @@ mod tests {
         assert_eq!(assets([8.0, 0.1], [100, 60]), [2, 3], "more bytes than what it stands for");
         // As large as the instances: nothing of them looks right with it, although it is much finer than the root.
         assert_eq!(assets([8.0, 1.5], [100, 5000]), [2, 3]);
+    }
+
+    #[test]
+    fn where_a_root_errs_little_it_counts_little_and_no_proxy_between_is_wanted() {
+        let with = |within| Scene { within, ..Scene::new([8.0, 0.1], [100, 5000]) }.finer();
+        let (everywhere, little) = (with(None), with(Some(0.05)));
+        assert_eq!(little.iter().map(|(asset, _)| *asset).collect::<Vec<_>>(), [2, 3]);
+        let sum = |list: &[(u32, f32)]| list.iter().map(|(_, difference)| difference).sum::<f32>();
+        assert!(sum(&little) < 0.2 * sum(&everywhere), "{little:?} {everywhere:?}");
     }
 
     #[test]

@@ -71,7 +71,7 @@ impl Selector {
         picture: &Picture,
     ) {
         let on_screen = self.on_screen[number as usize];
-        if !on_screen.visible || asset.state(BlobPart::Base) != State::Applied {
+        if !on_screen.is_drawn || asset.state(BlobPart::Base) != State::Applied {
             return;
         }
         self.want_texture_regions(number, asset, threshold, picture);

@@ -3,6 +3,7 @@
 use lodestream_geometry::screen::{visible_error, visible_error_at};
 
 use super::{Drawn, Selector};
+use crate::cut::Placed as CutPart;
 use crate::difference::{Picture, difference_error};
 use crate::instance_tree::{Instances, TreeQuery};
 use crate::priority::hidden;
@@ -54,14 +55,15 @@ pub(super) fn remaining_error(chunk: &Chunk, share: f32) -> f32 {
 }
 
 impl Selector {
-    /// Evaluates all visible instances: screen errors of chunks, and the error of the picture.
+    /// Evaluates all visible instances: screen errors of chunks, and the error of the picture. Returns whether something has
+    /// become as fine as the root that is drawn instead.
     pub(super) fn evaluate(
         &mut self,
         view: &View,
         instances: Instances<'_>,
         assets: &[AssetState],
         in_use: (u64, u64),
-    ) {
+    ) -> bool {
         let (projection, picture) = (Projection::new(view), Picture::new(view));
         instances.find(&TreeQuery::in_view(&projection), &mut self.nearby);
         for (number, on_screen) in (0..).zip(&mut self.on_screen) {
@@ -78,7 +80,8 @@ impl Selector {
             (worst, worst_unoccluded) = (f64::INFINITY, f64::INFINITY);
         }
         let mut is_visibility_drawn = false;
-        for &Drawn { ref instance, number, is_proxy, is_moved } in &drawn {
+        let mut fine = Vec::new();
+        for &Drawn { ref instance, number, is_proxy, is_moved, is_held } in &drawn {
             let Some(asset) = assets.get(instance.asset as usize) else { continue };
             let on_screen = &mut self.on_screen[instance.asset as usize];
             on_screen.placed = true;
@@ -88,6 +91,7 @@ impl Selector {
                 continue;
             }
             on_screen.visible = true;
+            on_screen.is_drawn |= !is_held;
             on_screen.visible_px = on_screen.visible_px.max(bounds.coverage_px);
             if !is_proxy {
                 self.textures.add_instance(number, instance.asset, bounds.coverage_px);
@@ -99,6 +103,16 @@ impl Selector {
             } else {
                 (worst, worst_unoccluded) = (f64::INFINITY, f64::INFINITY);
             }
+            let held = is_held.then(|| {
+                let entry = asset.entry();
+                let center = instance.to_world(entry.origin, entry.sphere.center);
+                let radius = entry.sphere.radius * instance.placement.scale;
+                let limit = self.cut.hold_px(&projection, center, radius).max(self.threshold_px);
+                (if is_proxy { CutPart::Proxy(number) } else { CutPart::Instance(number) }, limit)
+            });
+            // Largest error that is seen of it, in the middle of regions as that of roots.
+            let mut seen_px = 0.0_f32;
+            let unknown_middle_px = bounds.px_per_unit * asset.unknown_error() * instance.placement.scale;
             let scale = f64::from(instance.placement.scale);
             let px_of = |error: f32| projection.error_px(f64::from(error) * scale, bounds.depth);
             // The finest mesh of a proxy has an error of its own.
@@ -118,9 +132,11 @@ impl Selector {
                 on_screen.pages_visible |= shown > 0.0;
                 if shown > 0.0 {
                     worst_unoccluded = worst_unoccluded.max(unknown_px);
+                    seen_px = unknown_middle_px;
                 }
             } else {
                 on_screen.pages_visible = true;
+                seen_px = unknown_middle_px;
                 worst_unoccluded = worst_unoccluded.max(unknown_px).max(proxy_px);
             }
             #[expect(clippy::cast_possible_truncation, reason = "to the nearest f32")]
@@ -134,6 +150,7 @@ impl Selector {
             if root_px < floor_px {
                 (worst, worst_unoccluded) = (worst.max(root_px), worst_unoccluded.max(root_px));
                 on_screen.far = true;
+                fine.extend(held.map(|(placed, _)| placed));
                 continue;
             }
             let local = projection.local(asset.entry(), instance);
@@ -182,6 +199,10 @@ impl Selector {
                     worst = worst.max(left_px);
                     if shown > MIN_VISIBLE_SHARE {
                         worst_unoccluded = worst_unoccluded.max(left_px);
+                        // A chunk that cannot be had must not hold up the rest.
+                        if chunk.state() != State::Failed {
+                            seen_px = seen_px.max(local.px_per_unit(&info.sphere) * left);
+                        }
                     }
                     if waits && chunk.extent_in_use().is_none() {
                         continue;
@@ -201,18 +222,26 @@ impl Selector {
                 }
                 evaluation.foveation = evaluation.foveation.max(foveation);
             }
+            fine.extend(held.filter(|(_, limit)| seen_px <= *limit).map(|(placed, _)| placed));
         }
         counters.max_screen_error_px = worst;
         counters.unoccluded_screen_error_px = worst_unoccluded;
         self.drawn = drawn;
+        fine.iter().for_each(|&placed| self.cut.set_fine(placed));
+        !fine.is_empty()
     }
 
     /// The instances that may be in view and for which no proxy stands, and the proxies that are drawn.
     fn list_drawn(&mut self, instances: Instances<'_>) -> Vec<Drawn> {
         let mut drawn = std::mem::take(&mut self.drawn);
         drawn.clear();
-        let placed =
-            |number: u32, instance: Instance| Drawn { instance, number, is_proxy: false, is_moved: false };
+        let placed = |number: u32, instance: Instance| Drawn {
+            instance,
+            number,
+            is_proxy: false,
+            is_moved: false,
+            is_held: false,
+        };
         let moved = self.moved.iter().filter_map(|&(number, to)| {
             let instance = instances.all().get(number as usize)?;
             let placement = to.within(&instance.placement);
@@ -231,6 +260,20 @@ impl Selector {
             let asset = proxies.nodes()[number as usize].proxy.asset;
             let instance = Instance::at(asset, [0.0; 3]);
             drawn.push(Drawn { is_proxy: true, ..placed(number, instance) });
+        }
+        // What is held is refined until it is drawn.
+        for &part in self.cut.held() {
+            let of = match part {
+                CutPart::Instance(number) => {
+                    let instance = instances.all().get(number as usize);
+                    instance.map(|instance| placed(number, *instance))
+                }
+                CutPart::Proxy(number) => {
+                    let asset = proxies.nodes()[number as usize].proxy.asset;
+                    Some(Drawn { is_proxy: true, ..placed(number, Instance::at(asset, [0.0; 3])) })
+                }
+            };
+            drawn.extend(of.map(|of| Drawn { is_held: true, ..of }));
         }
         let uncovered = (0..).zip(instances.all()).filter(|(number, _)| !self.cut.covers(*number));
         for (_, instance) in uncovered {

@@ -1,0 +1,294 @@
+//! The base mesh of a root for the scene's start camera: view-dependent simplification (Hoppe, "View-dependent refinement
+//! of progressive meshes", 1997).
+//!
+//! A root with one error everywhere shows shards near the camera. Here the error that a component may have grows with its
+//! distance from the camera, and is larger where the camera does not see it. Components of similar allowed errors are
+//! simplified together, to that error, and all base meshes that result become one.
+
+use std::collections::BTreeMap;
+
+use glam::{DVec3, Vec3};
+use lodestream_compress::prepare;
+use lodestream_geometry::ancestor_closed_cut::Member as CutMember;
+use lodestream_geometry::base::Base;
+use lodestream_geometry::mesh::{Corner, NONE, QuantisedMesh, SourceMesh};
+use lodestream_geometry::normals::wedge_normals;
+use lodestream_geometry::pool::Silent;
+use lodestream_geometry::prepare::suit;
+use lodestream_geometry::quantise::{Precision, QuantiseSettings, quantise};
+use lodestream_geometry::{MeshError, Settings};
+use lodestream_scene::description::Camera;
+use lodestream_scene::placement::Placement;
+use lodestream_scene::proxy::{START_VIEWPORT_PX, UNSEEN};
+use lodestream_scene::view::Frustum;
+use lodestream_store::{LoadedAsset, PackFile, StoreError};
+use lodestream_threads::Threads;
+
+use super::item_buffer::ItemBuffer;
+use super::mesh::Piece;
+use crate::preparation_settings::CodecChoice;
+
+/// Errors that are tried in the start camera's view, in pixels: the first that gives few enough bytes is taken.
+pub(super) const ERRORS_PX: [f64; 8] = [12.0, 16.0, 22.0, 32.0, 45.0, 64.0, 90.0, 128.0];
+/// Most bytes of all roots, unless the last of the errors gives more.
+pub(super) const MAX_BYTES: usize = 36 << 10;
+/// Share of the first error that the meshes may have that are simplified.
+const SOURCE_SHARE: f64 = 0.5;
+/// A component counts as seen if it has this share of the pixels of a square of the error.
+const MIN_SHOWN: f64 = 1.0 / 16.0;
+/// [`Settings::visible_side`]: of thousands of windows, those that are hardly seen are left out.
+const VISIBLE_SIDE: f64 = 1.0;
+/// Distance below which the error does not fall, as a share of the scene's radius.
+const NEAREST: f64 = 1.0 / 256.0;
+/// Rounding of positions, as a share of the least error.
+const ROUNDING: f64 = 1.0 / 8.0;
+
+/// What the start camera allows.
+pub(super) struct StartView {
+    camera: Camera,
+    eye: DVec3,
+    frustum: Frustum,
+    nearest: f64,
+    /// Length of a pixel per distance.
+    pixel: f64,
+}
+
+impl StartView {
+    /// For a scene with a radius.
+    pub(super) fn new(camera: &Camera, radius: f64) -> Self {
+        let view = camera.view(START_VIEWPORT_PX, 1.0);
+        Self {
+            camera: *camera,
+            eye: camera.eye.into(),
+            frustum: view.frustum(),
+            nearest: (NEAREST * radius).max(f64::MIN_POSITIVE),
+            pixel: 1.0 / view.scale_px(),
+        }
+    }
+
+    /// What the result depends on besides the meshes.
+    pub(super) fn key(&self) -> Vec<u8> {
+        let Camera { eye, target, up, fov_y } = self.camera;
+        let lengths =
+            eye.into_iter().chain(target).chain([self.nearest, VISIBLE_SIDE, UNSEEN]).chain(ERRORS_PX);
+        let mut key: Vec<u8> = lengths.flat_map(f64::to_le_bytes).collect();
+        key.extend(up.into_iter().chain([fov_y]).flat_map(f32::to_le_bytes));
+        key.extend(MAX_BYTES.to_le_bytes());
+        key
+    }
+
+    /// Error per distance.
+    pub(super) fn slope(&self, error_px: f64) -> f64 {
+        self.pixel * error_px
+    }
+
+    /// The least error.
+    fn least(&self, error_px: f64) -> f64 {
+        self.slope(error_px) * self.nearest
+    }
+
+    /// Rounding of positions.
+    pub(super) fn rounding(&self, error_px: f64) -> f64 {
+        ROUNDING * self.least(error_px)
+    }
+
+    /// Allowed error within a sphere, as far as the frustum tells.
+    fn allowed(&self, error_px: f64, center: DVec3, radius: f64) -> f64 {
+        let relative = center - self.eye;
+        let is_seen = self.frustum.sees(relative.as_vec3(), radius as f32);
+        let distance = (relative.length() - radius).max(self.nearest);
+        self.slope(error_px) * distance * if is_seen { 1.0 } else { UNSEEN }
+    }
+
+    /// Whether a mesh with an error is fine enough to be simplified.
+    pub(super) fn is_fine(&self, error: f64, center: DVec3, radius: f64) -> bool {
+        error <= SOURCE_SHARE * self.allowed(ERRORS_PX[0], center, radius)
+    }
+
+    /// A pack's mesh, as fine as needed to be simplified.
+    ///
+    /// # Errors
+    /// Damage.
+    pub(super) fn refined(
+        &self,
+        pack: &PackFile,
+        asset: &LoadedAsset,
+        placement: &Placement,
+        transparent_too: bool,
+    ) -> Result<Piece, StoreError> {
+        let origin = DVec3::from(asset.base.grid.origin);
+        let scale = f64::from(placement.scale);
+        let mut is_wanted = vec![false; asset.infos.len()];
+        for (at, info) in asset.infos.iter().enumerate().rev() {
+            let center = placement.to_world(origin + Vec3::from(info.sphere.center).as_dvec3());
+            let radius = f64::from(info.sphere.radius) * scale;
+            is_wanted[at] |= !self.is_fine(f64::from(info.error) * scale, center, radius);
+            if is_wanted[at] {
+                info.parents.iter().for_each(|&parent| is_wanted[parent as usize] = true);
+            }
+        }
+        let wanted = (0..).zip(&is_wanted).filter(|(_, is_wanted)| **is_wanted);
+        let set: Vec<CutMember> = wanted.map(|(chunk, _)| CutMember { chunk, truncation: None }).collect();
+        let mesh = asset.refined(&set).map_err(|why| pack.damaged(why))?.to_mesh();
+        let QuantisedMesh { positions, wedges, faces, parts, .. } = mesh;
+        Piece::of(pack, Base { positions, wedges, faces, parts, ..asset.base.clone() }, transparent_too)
+    }
+
+    /// Simplifies components as the view allows. Gives the mesh and its largest error.
+    ///
+    /// # Errors
+    /// As [`prepare`].
+    pub(super) fn simplified(
+        &self,
+        mesh: &SourceMesh,
+        components: &Components,
+        error_px: f64,
+        threads: Threads,
+    ) -> Result<(SourceMesh, f64), MeshError> {
+        let least = self.least(error_px);
+        let least_shown = (MIN_SHOWN * error_px * error_px) as u32;
+        // Faces by the binary logarithm of the allowed error.
+        let mut groups: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
+        for (face, &number) in (0..).zip(&components.of_face) {
+            let Component { low, high, shown } = components.list[number as usize];
+            let center = (low + high) / 2.0;
+            let mut allowed = self.allowed(error_px, center, center.distance(high));
+            if shown < least_shown.max(1) {
+                allowed = allowed.max(UNSEEN * self.slope(error_px) * center.distance(self.eye));
+            }
+            let group = (allowed / least).log2().max(0.0) as u32;
+            groups.entry(group).or_default().push(face);
+        }
+        let (mut whole, mut most) = (SourceMesh::default(), 0.0_f64);
+        for (group, faces) in groups {
+            let base = coarsest(&of_faces(mesh, &faces), least * f64::from(group).exp2(), threads)?;
+            most = most.max(f64::from(base.geometric_error));
+            append(&mut whole, base);
+        }
+        Ok((whole, most))
+    }
+}
+
+/// The connected components of a mesh.
+pub(super) struct Components {
+    /// By face.
+    of_face: Vec<u32>,
+    list: Vec<Component>,
+}
+
+#[derive(Clone, Copy)]
+struct Component {
+    low: DVec3,
+    high: DVec3,
+    /// In how many pixels the start camera sees it.
+    shown: u32,
+}
+
+impl Components {
+    /// Cost: filling each face once.
+    pub(super) fn new(mesh: &SourceMesh, view: &StartView) -> Self {
+        let mut roots: Vec<u32> = (0..mesh.positions.len() as u32).collect();
+        for face in &mesh.faces {
+            let [a, b, c] = face.map(|corner| root(&mut roots, corner.position));
+            let least = a.min(b).min(c);
+            [a, b, c].into_iter().for_each(|vertex| roots[vertex as usize] = least);
+        }
+        let mut numbers = vec![u32::MAX; mesh.positions.len()];
+        let mut list: Vec<Component> = Vec::new();
+        let mut buffer = ItemBuffer::new(view.eye, &view.camera, view.nearest / 16.0);
+        let mut of_face = Vec::with_capacity(mesh.faces.len());
+        for face in &mesh.faces {
+            let number = &mut numbers[root(&mut roots, face[0].position) as usize];
+            if *number == u32::MAX {
+                *number = list.len() as u32;
+                list.push(Component { low: DVec3::INFINITY, high: DVec3::NEG_INFINITY, shown: 0 });
+            }
+            let triangle = face.map(|corner| DVec3::from(mesh.positions[corner.position as usize]));
+            let component = &mut list[*number as usize];
+            for point in triangle {
+                component.low = component.low.min(point);
+                component.high = component.high.max(point);
+            }
+            buffer.draw(triangle, *number);
+            of_face.push(*number);
+        }
+        for (component, shown) in list.iter_mut().zip(buffer.counts(of_face.len())) {
+            component.shown = shown;
+        }
+        Self { of_face, list }
+    }
+}
+
+/// The root of a vertex in a disjoint-set forest.
+fn root(roots: &mut [u32], mut at: u32) -> u32 {
+    while roots[at as usize] != at {
+        roots[at as usize] = roots[roots[at as usize] as usize];
+        at = roots[at as usize];
+    }
+    at
+}
+
+/// Some faces of a mesh.
+fn of_faces(mesh: &SourceMesh, faces: &[u32]) -> SourceMesh {
+    let mut own = SourceMesh::default();
+    let mut names: BTreeMap<u32, u32> = BTreeMap::new();
+    for &face in faces {
+        let corners = mesh.faces[face as usize].map(|corner| {
+            let position = *names.entry(corner.position).or_insert_with(|| {
+                own.positions.push(mesh.positions[corner.position as usize]);
+                own.positions.len() as u32 - 1
+            });
+            own.normals.push(mesh.normals[corner.normal as usize]);
+            own.colors.push(mesh.colors[corner.color as usize]);
+            let at = own.normals.len() as u32 - 1;
+            Corner { position, uv: NONE, normal: at, color: at }
+        });
+        own.faces.push(corners);
+        own.parts.push(mesh.parts[face as usize]);
+    }
+    own.materials.resize(own.faces.len(), 0);
+    own
+}
+
+/// The base mesh of a mesh with an error in its units.
+fn coarsest(mesh: &SourceMesh, error: f64, threads: Threads) -> Result<Base, MeshError> {
+    let points = || mesh.positions.iter().map(|&point| DVec3::from(point));
+    let diagonal =
+        points().fold(DVec3::INFINITY, DVec3::min).distance(points().fold(DVec3::NEG_INFINITY, DVec3::max));
+    let settings =
+        QuantiseSettings { precision: Precision::Tolerance(ROUNDING * error), ..QuantiseSettings::default() };
+    let mut quantised = quantise(mesh, &settings)?;
+    let codec = CodecChoice::Auto.of(&quantised);
+    suit(&mut quantised, codec);
+    let base_error = (error / diagonal.max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
+    let settings = Settings { base_error, visible_side: VISIBLE_SIDE, codec, ..Settings::default() };
+    Ok(prepare(&quantised, &settings, &threads, &Silent)?.base)
+}
+
+/// Adds a base mesh to a mesh.
+fn append(whole: &mut SourceMesh, base: Base) {
+    let mesh = QuantisedMesh {
+        grid: base.grid,
+        uv_grid: base.uv_grid,
+        positions: base.positions,
+        wedges: base.wedges,
+        faces: base.faces,
+        parts: base.parts,
+    };
+    let first = whole.positions.len() as u32;
+    whole.positions.extend(mesh.positions.iter().map(|&q| -> [f64; 3] { mesh.grid.position(q) }));
+    let wedge = whole.normals.len() as u32;
+    whole.normals.extend(wedge_normals(&mesh).into_iter().map(|n| n.map(|x| x as f32)));
+    whole.colors.extend(mesh.wedges.iter().map(|wedge| wedge.attributes.color));
+    for face in &mesh.faces {
+        whole.faces.push(face.wedges.map(|w| Corner {
+            position: first + mesh.wedges[w as usize].vertex,
+            uv: NONE,
+            normal: wedge + w,
+            color: wedge + w,
+        }));
+        let vertex = mesh.wedges[face.wedges[0] as usize].vertex;
+        whole.parts.push(mesh.parts.get(vertex as usize).copied().unwrap_or(0));
+        whole.materials.push(0);
+    }
+}
