@@ -229,9 +229,9 @@ impl Union {
         );
     }
 
-    /// Whether nothing was added that has a face.
-    pub(super) const fn is_empty(&self) -> bool {
-        self.mesh.faces.is_empty()
+    /// Faces of what was added.
+    pub(super) const fn face_count(&self) -> usize {
+        self.mesh.faces.len()
     }
 
     /// The mesh, with one opaque material of mean roughness and metalness.

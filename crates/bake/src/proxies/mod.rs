@@ -328,15 +328,23 @@ impl Maker<'_> {
         path: &Path,
     ) -> Result<(Vec<u8>, pack::Stated), PrepareError> {
         let mesh_error = |source| PrepareError::Mesh { path: path.to_owned(), source };
-        let mut fine = Union::default();
-        let mut source_error = self.gather(number, false, made, &mut fine)?;
-        if fine.is_empty() {
-            source_error = self.gather(number, true, made, &mut fine)?;
-        }
-        let fine = fine.finish();
+        let mut tries = start::ERRORS_PX.into_iter().peekable();
+        let (fine, source_error) = loop {
+            let Some(&error_px) = tries.peek() else {
+                return Err(mesh_error(MeshError::NoFaces { dropped: 0 }));
+            };
+            let mut fine = Union::default();
+            let mut error = self.gather(number, error_px, false, made, &mut fine)?;
+            if fine.face_count() == 0 {
+                error = self.gather(number, error_px, true, made, &mut fine)?;
+            }
+            if !start::is_too_much(fine.face_count(), error_px) {
+                break (fine.finish(), error);
+            }
+            tries.next();
+        };
         let components = Components::new(&fine.mesh, &self.start);
         let most_bytes = start::MAX_BYTES / self.tree.nodes.iter().filter(|n| n.parent.is_none()).count();
-        let mut tries = start::ERRORS_PX.into_iter().peekable();
         while let Some(error_px) = tries.next() {
             let (mesh, error) =
                 self.start.simplified(&fine.mesh, &components, error_px, threads).map_err(mesh_error)?;
@@ -351,10 +359,12 @@ impl Maker<'_> {
         Err(mesh_error(MeshError::NoFaces { dropped: 0 }))
     }
 
-    /// Adds the meshes of a node that are fine enough to be simplified for the start camera. Gives their largest error.
+    /// Adds the meshes of a root that are fine enough to be simplified to `error_px`, until there are too many. Gives their
+    /// largest error.
     fn gather(
         &self,
         root: usize,
+        error_px: f64,
         transparent_too: bool,
         made: &[Option<Made>],
         union: &mut Union,
@@ -369,7 +379,7 @@ impl Maker<'_> {
                 let error = f64::from(of.entry.root_error) + f64::from(of.stated.error);
                 let sphere = of.entry.sphere;
                 let center = DVec3::from(of.entry.origin) + Vec3::from(sphere.center).as_dvec3();
-                if self.start.is_fine(error, center, f64::from(sphere.radius)) {
+                if self.start.is_fine(error_px, error, center, f64::from(sphere.radius)) {
                     let part = self.tree.nodes[child].instances.start - first;
                     union.add(&Piece::read(&of.pack, transparent_too)?, &Placement::default(), part as u32);
                     most = most.max(error);
@@ -386,8 +396,11 @@ impl Maker<'_> {
             let pack = &self.packs[asset_of(of_asset[0]) as usize];
             let asset = pack.load()?;
             for &number in of_asset {
+                if start::is_too_much(union.face_count(), error_px) {
+                    return Ok(most);
+                }
                 let placement = &self.instances[self.tree.order[number]].placement;
-                let piece = self.start.refined(pack, &asset, placement, transparent_too)?;
+                let piece = self.start.refined(error_px, pack, &asset, placement, transparent_too)?;
                 union.add(&piece.into_one_part(), placement, (number - first) as u32);
             }
         }

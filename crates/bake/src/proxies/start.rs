@@ -34,6 +34,8 @@ pub(super) const ERRORS_PX: [f64; 8] = [12.0, 16.0, 22.0, 32.0, 45.0, 64.0, 90.0
 pub(super) const MAX_BYTES: usize = 36 << 10;
 /// Share of the first error that the meshes may have that are simplified.
 const SOURCE_SHARE: f64 = 0.5;
+/// Most faces that are simplified, some 200 bytes each, unless there are more at the last of the errors.
+const MAX_SOURCE_FACES: usize = 1 << 20;
 /// A component counts as seen if it has this share of the pixels of a square of the error.
 const MIN_SHOWN: f64 = 1.0 / 16.0;
 /// [`Settings::visible_side`]: of thousands of windows, those that are hardly seen are left out.
@@ -42,6 +44,11 @@ const VISIBLE_SIDE: f64 = 1.0;
 const NEAREST: f64 = 1.0 / 256.0;
 /// Rounding of positions, as a share of the least error.
 const ROUNDING: f64 = 1.0 / 8.0;
+
+/// Whether there are too many faces to be simplified to `error_px`, and a larger error is left.
+pub(super) fn is_too_much(faces: usize, error_px: f64) -> bool {
+    faces > MAX_SOURCE_FACES && ERRORS_PX.iter().any(|&larger| larger > error_px)
+}
 
 /// What the start camera allows.
 pub(super) struct StartView {
@@ -100,17 +107,18 @@ impl StartView {
         self.slope(error_px) * distance * if is_seen { 1.0 } else { UNSEEN }
     }
 
-    /// Whether a mesh with an error is fine enough to be simplified.
-    pub(super) fn is_fine(&self, error: f64, center: DVec3, radius: f64) -> bool {
-        error <= SOURCE_SHARE * self.allowed(ERRORS_PX[0], center, radius)
+    /// Whether a mesh with an error is fine enough to be simplified to `error_px`.
+    pub(super) fn is_fine(&self, error_px: f64, error: f64, center: DVec3, radius: f64) -> bool {
+        error <= SOURCE_SHARE * self.allowed(error_px, center, radius)
     }
 
-    /// A pack's mesh, as fine as needed to be simplified.
+    /// A pack's mesh, as fine as needed to be simplified to `error_px`.
     ///
     /// # Errors
     /// Damage.
     pub(super) fn refined(
         &self,
+        error_px: f64,
         pack: &PackFile,
         asset: &LoadedAsset,
         placement: &Placement,
@@ -122,7 +130,7 @@ impl StartView {
         for (at, info) in asset.infos.iter().enumerate().rev() {
             let center = placement.to_world(origin + Vec3::from(info.sphere.center).as_dvec3());
             let radius = f64::from(info.sphere.radius) * scale;
-            is_wanted[at] |= !self.is_fine(f64::from(info.error) * scale, center, radius);
+            is_wanted[at] |= !self.is_fine(error_px, f64::from(info.error) * scale, center, radius);
             if is_wanted[at] {
                 info.parents.iter().for_each(|&parent| is_wanted[parent as usize] = true);
             }

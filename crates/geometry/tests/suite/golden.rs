@@ -33,22 +33,22 @@ fn prepared_bytes_equal_the_golden_hashes() {
 
 /// Hashes of the blobs with the codecs range, zstd and axis-aligned.
 const GOLDEN: &str = "\
-4d78338dd744b772 6d83b8e1212c33fe 0334a9ee12ea3dbc noisy sphere
-8607669b00f4d29c 86ecae3803ea4d8c 4816db5cb57d660c torus
-94681fd7be1a7491 b7bd47b908a57a76 59f8266e966528f1 height field with holes
-94f29e022eb051c1 dd935027bb2e6246 cd45f46537c8ba13 boxes with seams everywhere
-3462c4747d7113f4 bd60c4935b9ec924 c042bc97ca0712ee flat-shaded sphere
-3f6c6127861a4d39 00c6ed2853f6b602 e9e365d715e63df6 several materials
-f305d607208f855c ead9fddec6fa6d14 9ef81504ea2002f5 many components
-c5a073b8c466b6cd 3c54d58a7c76242f f6913becd516fdd6 triangle soup
-9af1260e2b2f39e7 adb1b88c948185f2 ccdd3df9aeb1754d non-manifold fans
-88a0e085b82a288b 10b4201b349ff809 791c9101bb201d44 duplicate faces
-0841e2da0b1378d3 3eb604da326f19f0 496cf987e991ce53 two coincident sheets
-63273b45f266e148 4e7b9d72f83c2a3f bf6d7f803fb4671f bow ties
-7ea8d5ea364d9970 0b7755817f964287 d0c22240636b48cb needles
-326ebf1a373aa72c 7927564ecac93994 be54d18f242d8663 medley
-7f5746fb8dba7404 0869a62df4f86e65 500acbeec928e3db painted torus
-3d1f8d52a42593b3 816af195627f4871 59ab84a0ce7cfc03 dressed stones
-7051dc25b4e9a104 3c93780cbef72c52 73e7a3ccd5e49dd0 parts of one component each
-f03045a0c19c85d2 7d6fe78265bbe556 8b8906c5b8024bd4 parts that touch
+359c8efefdb5bfa6 60772004b2f270cf ed5565c694546c04 noisy sphere
+90abe0eca4971dd5 3148e32c3f3a9cf2 e2574ebf33e4086a torus
+62dcdba7363ed2bb 13d8e2905f4c3755 b182d4697767db6d height field with holes
+cd18f786f1312339 4a764f0bb1add068 775be775a1af2646 boxes with seams everywhere
+7714863b4dd53197 c87a5211c4e260b0 1ab3194cd0cedd7e flat-shaded sphere
+bdf8ca6353990fd6 3f254ec2ecb5bdc0 1c455136bd271734 several materials
+d8000ed366ab5b31 30bc110a9fec7837 ccb04de2ff149696 many components
+c7381086ebcff9b0 befe68101a7a951f e355f3074e4c4e3f triangle soup
+3d68619e2f57f837 d5221667e2b74f21 523dabd046ca6ca3 non-manifold fans
+2893c3b5a93f77a9 cdf5ab0617c43442 7a639b0e8905dfa6 duplicate faces
+da7dc2c800311f11 941f4d3c76faa60d 3990fa9cdd28c3d4 two coincident sheets
+fa200790b55542c3 a6fd7623ea74f370 689dc3e577babe7a bow ties
+28e5d97432603b61 530e70a361e203a7 42acc5b92a8a919d needles
+d128c7e6348e36b9 77844cdc958d29a2 2a8311186679a371 medley
+12cb11c7726656d3 62ce1d6e6dc44740 c418704fdc240874 painted torus
+c2f6bd3fbd8587af 9f575b4b568ad248 de7f86b1749e5152 dressed stones
+5084c3a2d408d7ff 543b6ad16faf7873 865500a262481beb parts of one component each
+d546a05e2183f49e dc43bd43273b37e9 977e1fd355e4f53b parts that touch
 ";
