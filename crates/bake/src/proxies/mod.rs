@@ -400,7 +400,9 @@ impl Maker<'_> {
                     return Ok(most);
                 }
                 let placement = &self.instances[self.tree.order[number]].placement;
-                let piece = self.start.refined(error_px, pack, &asset, placement, transparent_too)?;
+                let (piece, error) =
+                    self.start.refined(error_px, pack, &asset, placement, transparent_too)?;
+                most = most.max(error);
                 union.add(&piece.into_one_part(), placement, (number - first) as u32);
             }
         }

@@ -112,7 +112,7 @@ impl StartView {
         error <= SOURCE_SHARE * self.allowed(error_px, center, radius)
     }
 
-    /// A pack's mesh, as fine as needed to be simplified to `error_px`.
+    /// A pack's mesh, as fine as needed to be simplified to `error_px`, and its error in world units.
     ///
     /// # Errors
     /// Damage.
@@ -123,7 +123,7 @@ impl StartView {
         asset: &LoadedAsset,
         placement: &Placement,
         transparent_too: bool,
-    ) -> Result<Piece, StoreError> {
+    ) -> Result<(Piece, f64), StoreError> {
         let origin = DVec3::from(asset.base.grid.origin);
         let scale = f64::from(placement.scale);
         let mut is_wanted = vec![false; asset.infos.len()];
@@ -139,7 +139,10 @@ impl StartView {
         let set: Vec<CutMember> = wanted.map(|(chunk, _)| CutMember { chunk, truncation: None }).collect();
         let mesh = asset.refined(&set).map_err(|why| pack.damaged(why))?.to_mesh();
         let QuantisedMesh { positions, wedges, faces, parts, .. } = mesh;
-        Piece::of(pack, Base { positions, wedges, faces, parts, ..asset.base.clone() }, transparent_too)
+        let left = asset.infos.iter().zip(&is_wanted).filter(|(_, is_wanted)| !**is_wanted);
+        let error = left.map(|(info, _)| f64::from(info.error) * scale).fold(0.0, f64::max);
+        let base = Base { positions, wedges, faces, parts, ..asset.base.clone() };
+        Ok((Piece::of(pack, base, transparent_too)?, error))
     }
 
     /// Simplifies components as the view allows. Gives the mesh and its largest error.
