@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use image::DynamicImage;
 
-use super::decode::decode;
+use super::decode::decode_whole;
 use super::error::TextureError;
 use super::mip::Plane;
 use crate::model::{Channel, Component, ImageSource};
@@ -18,7 +18,7 @@ pub(super) struct Channels {
 impl Channels {
     pub(super) fn image(&mut self, source: &ImageSource) -> Result<&DynamicImage, TextureError> {
         if !self.decoded.contains_key(source) {
-            self.decoded.insert(source.clone(), decode(source)?);
+            self.decoded.insert(source.clone(), decode_whole(source)?);
         }
         Ok(&self.decoded[source])
     }
@@ -26,15 +26,21 @@ impl Channels {
     /// The values of a channel, in 16 bits.
     pub(super) fn plane(&mut self, channel: &Channel) -> Result<Plane<1>, TextureError> {
         let image = self.image(&channel.image)?;
-        let strength = u64::from(channel.strength);
-        let one = u64::from(u16::MAX);
-        let samples = component(image, channel.component).into_iter().map(|byte| {
-            let value = u64::from(if channel.inverted { 255 - byte } else { byte }) * 257;
-            // 1 + strength · (value − 1), rounded.
-            [(one - (strength * (one - value) + one / 2) / one) as u16]
-        });
-        Ok(Plane { width: image.width(), height: image.height(), samples: samples.collect() })
+        let samples = values(image, channel).into_iter().map(|value| [value]).collect();
+        Ok(Plane { width: image.width(), height: image.height(), samples })
     }
+}
+
+/// The values of an image's channel, in 16 bits.
+pub(super) fn values(image: &DynamicImage, channel: &Channel) -> Vec<u16> {
+    let strength = u64::from(channel.strength);
+    let one = u64::from(u16::MAX);
+    let value = |byte: u8| {
+        let value = u64::from(if channel.inverted { 255 - byte } else { byte }) * 257;
+        // 1 + strength · (value − 1), rounded.
+        (one - (strength * (one - value) + one / 2) / one) as u16
+    };
+    component(image, channel.component).into_iter().map(value).collect()
 }
 
 fn component(image: &DynamicImage, component: Component) -> Vec<u8> {

@@ -1,6 +1,6 @@
 //! Colour textures, with or without opacity.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use image::{ExtendedColorType, ImageError, Rgba, RgbaImage};
 use lodestream_geometry::pool::Pool;
@@ -8,14 +8,15 @@ use lodestream_scene::asset::TextureKind;
 
 use super::channel::Channels;
 use super::chroma;
-use super::coverage::Coverage;
-use super::decode::decode;
+use super::coverage::{Coverage, Opacities};
 use super::encode::{Rectangle, levels};
 use super::error::TextureError;
 use super::levels::Texture;
-use super::mip::Plane;
+use super::mip::{ByOpacity, Plane, linear};
 use super::quality::TextureQuality;
+use super::rows::Rows;
 use super::source::{Opacity, Transparency};
+use super::strips::{STRIP_ROWS, Strips};
 use super::webp;
 use crate::model::{Channel, ImageSource};
 
@@ -25,21 +26,51 @@ pub(super) fn load(
     used: Opacity,
     (quality, pool): (TextureQuality, &dyn Pool),
 ) -> Result<Texture, TextureError> {
-    let (path, mut rgba) = composed(image, opacity)?;
-    let transparency = if used == Opacity::Ignored {
-        // Coarser levels weight colours by opacity, so transparent texels would lose theirs.
-        rgba.pixels_mut().for_each(|p| p.0[3] = u8::MAX);
-        Transparency::None
-    } else {
-        transparency(&rgba)
+    let mut rows = match (image, opacity) {
+        (Some(image), None) => Rows::open(image)?,
+        _ => {
+            let (path, rgba) = composed(image, opacity)?;
+            Rows::of(path, rgba.into())
+        }
     };
-    let threshold = match used {
-        Opacity::Tested(threshold) => Some(threshold),
-        Opacity::Guessed if transparency == Transparency::Holes => Some(128),
-        _ => None,
+    let (mut transparency, mut coverage) = (Transparency::None, None);
+    if used != Opacity::Ignored && rows.has_alpha() {
+        let opacities = Opacities::read(&mut rows)?;
+        rows.rewind()?;
+        transparency = opacities.transparency();
+        coverage = opacities.coverage(used);
+    }
+    let alpha = transparency != Transparency::None;
+    let path = rows.path().clone();
+    let [width_px, height_px] = rows.size();
+    let mut strips = Colors { rows, is_opaque: !alpha };
+    let encode = |level: usize, plane: &Plane<4>| {
+        encode_image(plane, alpha, coverage.as_ref().map(|c| (c, level)), quality)
     };
-    let coverage = threshold.map(|threshold| Coverage::of(&rgba, threshold));
-    encode(&path, rgba, transparency, coverage.as_ref(), (quality, pool))
+    let (levels, coarsest) = levels::<4, ByOpacity>((&path, TextureKind::Color), &mut strips, encode, pool)?;
+    let mean = Some(coarsest.mean_srgb());
+    Ok(Texture { kind: TextureKind::Color, width_px, height_px, planes: 0, transparency, mean, levels })
+}
+
+/// Colours in linear light.
+struct Colors {
+    rows: Rows,
+    /// Whether opacity is ignored. Coarser levels weight colours by opacity, so transparent texels would lose theirs.
+    is_opaque: bool,
+}
+
+impl Strips<4> for Colors {
+    fn size(&self) -> [u32; 2] {
+        self.rows.size()
+    }
+
+    fn next(&mut self) -> Result<Vec<[u16; 4]>, TextureError> {
+        let mut rgba = self.rows.next(STRIP_ROWS)?.into_rgba8();
+        if self.is_opaque {
+            rgba.pixels_mut().for_each(|p| p.0[3] = u8::MAX);
+        }
+        Ok(linear(&rgba))
+    }
 }
 
 /// Combines colours and opacity at the larger size of the two.
@@ -49,8 +80,7 @@ fn composed(
 ) -> Result<(PathBuf, RgbaImage), TextureError> {
     let path = image.or(opacity.map(|o| &o.image)).map(|image| image.path.clone()).unwrap_or_default();
     let Some(channel) = opacity else {
-        let image = image.map(decode).transpose()?;
-        return Ok((path, image.map_or_else(|| RgbaImage::new(1, 1), |image| image.to_rgba8())));
+        return Ok((path, RgbaImage::new(1, 1)));
     };
     let mut channels = Channels::default();
     let mask = channels.plane(channel)?;
@@ -74,45 +104,18 @@ fn composed(
     Ok((path, colors))
 }
 
-fn transparency(rgba: &RgbaImage) -> Transparency {
-    if rgba.pixels().all(|p| p.0[3] == u8::MAX) {
-        return Transparency::None;
-    }
-    let between = rgba.pixels().filter(|p| (32..224).contains(&p.0[3])).count();
-    if between * 10 <= rgba.pixels().len() { Transparency::Holes } else { Transparency::Graded }
-}
-
-fn encode(
-    path: &Path,
-    rgba: RgbaImage,
-    transparency: Transparency,
-    coverage: Option<&Coverage>,
-    (quality, pool): (TextureQuality, &dyn Pool),
-) -> Result<Texture, TextureError> {
-    let (width_px, height_px) = rgba.dimensions();
-    let grey = rgba.pixels().all(|p| p.0[0] == p.0[1] && p.0[1] == p.0[2]);
-    let alpha = transparency != Transparency::None;
-    let plane = Plane::<4>::from_srgb(&rgba);
-    drop(rgba);
-    let encode = |plane: &Plane<4>| encode_level(plane, (alpha, grey), coverage, quality);
-    let (levels, coarsest) =
-        levels((path, TextureKind::Color), plane, Plane::halve_premultiplied, encode, pool)?;
-    let mean = Some(coarsest.mean_srgb());
-    Ok(Texture { kind: TextureKind::Color, width_px, height_px, planes: 0, transparency, mean, levels })
-}
-
-fn encode_level(
+fn encode_image(
     plane: &Plane<4>,
-    (alpha, grey): (bool, bool),
-    coverage: Option<&Coverage>,
+    alpha: bool,
+    coverage: Option<(&Coverage, usize)>,
     quality: TextureQuality,
 ) -> Result<Vec<u8>, ImageError> {
     let mut rgba = plane.to_srgb();
     let (width, height) = (plane.width, plane.height);
     let rectangle = |bytes, format| Rectangle { bytes, width, height, format };
     if alpha {
-        if let Some(coverage) = coverage {
-            coverage.restore(&mut rgba);
+        if let Some((coverage, level)) = coverage {
+            coverage.restore(level, &mut rgba);
         }
         let whole = rectangle(&rgba, ExtendedColorType::Rgba8);
         let lossy = !quality.is_lossless() && width.max(height) <= webp::MAX_SIDE_PX;
@@ -124,6 +127,7 @@ fn encode_level(
     }
     let pixels = rgba.as_chunks::<4>().0;
     let rgb: Vec<u8> = pixels.iter().flat_map(|p| [p[0], p[1], p[2]]).collect();
+    let grey = pixels.iter().all(|p| p[0] == p[1] && p[1] == p[2]);
     let one: Vec<u8> = if grey { pixels.iter().map(|p| p[0]).collect() } else { Vec::new() };
     drop(rgba);
     let whole =

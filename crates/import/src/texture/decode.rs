@@ -3,24 +3,35 @@
 use std::io::Cursor;
 use std::path::Path;
 
-use image::{DynamicImage, ImageError, ImageReader, Limits};
+use image::{DynamicImage, ImageDecoder as _, ImageError, ImageReader, Limits};
 
 use super::error::{TextureError, one_line};
 use super::ktx2::Ktx2;
-use super::limits::{MAX_PIXELS, MAX_SIDE_PX};
+use super::limits::{MAX_DECODED_BYTES, MAX_PIXELS, MAX_SIDE_PX, MAX_WHOLE_PIXELS};
 use crate::error::ImportError;
 use crate::file::read_file;
 use crate::model::ImageSource;
 
 /// Largest texture file, in bytes.
-const MAX_FILE_BYTES: u64 = 1 << 30;
+pub(super) const MAX_FILE_BYTES: u64 = 1 << 30;
 
 /// Reads an image. The size is checked before anything is decoded.
 ///
 /// # Errors
-/// Files that cannot be read or decoded, and sizes beyond [`MAX_SIDE_PX`] and [`MAX_PIXELS`].
+/// Files that cannot be read or decoded, and sizes beyond [`MAX_SIDE_PX`] or above 1 GiB of decoded pixels.
 pub fn decode(source: &ImageSource) -> Result<DynamicImage, TextureError> {
     opened(source, |image| image.decode())
+}
+
+/// [`decode`] of an image of which all pixels are needed at once.
+pub(super) fn decode_whole(source: &ImageSource) -> Result<DynamicImage, TextureError> {
+    opened(source, |image| {
+        let (width_px, height_px) = image.size_px;
+        if u64::from(width_px) * u64::from(height_px) > MAX_WHOLE_PIXELS {
+            return Err(TextureError::TooLong { path: image.path.to_owned(), width_px, height_px });
+        }
+        image.decode()
+    })
 }
 
 /// Width and height of an image, in pixels, from its header.
@@ -43,13 +54,29 @@ fn opened<T>(
 }
 
 fn read(path: &Path) -> Result<Vec<u8>, TextureError> {
-    read_file(path, MAX_FILE_BYTES).map_err(|error| TextureError::Read {
+    read_file(path, MAX_FILE_BYTES).map_err(|error| read_error(path, error))
+}
+
+pub(super) fn read_error(path: &Path, error: ImportError) -> TextureError {
+    TextureError::Read {
         path: path.to_owned(),
         source: match error {
             ImportError::Read { source, .. } => source,
             _ => std::io::Error::other("not a regular file, or too large"),
         },
-    })
+    }
+}
+
+/// An error for sizes beyond the limits, and for images without pixels.
+pub(super) fn check_size(path: &Path, (width_px, height_px): (u32, u32)) -> Result<(), TextureError> {
+    let pixels = u64::from(width_px) * u64::from(height_px);
+    if width_px > MAX_SIDE_PX || height_px > MAX_SIDE_PX || pixels > MAX_PIXELS {
+        return Err(TextureError::TooLarge { path: path.to_owned(), width_px, height_px });
+    }
+    if pixels == 0 {
+        return Err(TextureError::Decode { path: path.to_owned(), why: "it has no pixels".to_owned() });
+    }
+    Ok(())
 }
 
 /// An image file whose size is within the limits.
@@ -75,34 +102,35 @@ impl<'a> ImageFile<'a> {
                 .and_then(ImageReader::into_dimensions)
                 .map_err(|error| bad(error.to_string()))?,
         };
-        let (width_px, height_px) = size_px;
-        let pixels = u64::from(width_px) * u64::from(height_px);
-        if width_px > MAX_SIDE_PX || height_px > MAX_SIDE_PX || pixels > MAX_PIXELS {
-            return Err(TextureError::TooLarge { path: path.to_owned(), width_px, height_px });
-        }
-        if pixels == 0 {
-            return Err(bad("it has no pixels".to_owned()));
-        }
+        check_size(path, size_px)?;
         Ok(Self { path, bytes, ktx2, size_px })
     }
 
     fn decode(&self) -> Result<DynamicImage, TextureError> {
         let bad = |why: String| TextureError::Decode { path: self.path.to_owned(), why: one_line(&why) };
+        let (width_px, height_px) = self.size_px;
+        let too_long = || TextureError::TooLong { path: self.path.to_owned(), width_px, height_px };
+        let pixels = u64::from(width_px) * u64::from(height_px);
         if let Some(file) = &self.ktx2 {
+            if pixels > MAX_WHOLE_PIXELS {
+                return Err(too_long());
+            }
             return file.decode().map_err(bad);
         }
         let mut reader = reader(self.bytes).map_err(|error| bad(error.to_string()))?;
         let mut limits = Limits::default();
         limits.max_image_width = Some(MAX_SIDE_PX);
         limits.max_image_height = Some(MAX_SIDE_PX);
-        // Eight bytes a pixel is the widest format (16-bit RGBA); the rest is the decoders' own.
-        limits.max_alloc = Some(MAX_PIXELS * 8 + (64 << 20));
-        reader.limits(limits);
-        let (width_px, height_px) = self.size_px;
-        reader.decode().map_err(|error| match error {
-            ImageError::Limits(_) => {
-                TextureError::TooLarge { path: self.path.to_owned(), width_px, height_px }
-            }
+        // The rest is the decoders' own.
+        limits.max_alloc = Some(MAX_DECODED_BYTES + (64 << 20));
+        reader.limits(limits.clone());
+        let mut decoder = reader.into_decoder().map_err(|error| bad(error.to_string()))?;
+        if decoder.total_bytes() > MAX_DECODED_BYTES {
+            return Err(too_long());
+        }
+        decoder.set_limits(limits).map_err(|_| too_long())?;
+        DynamicImage::from_decoder(decoder).map_err(|error| match error {
+            ImageError::Limits(_) => too_long(),
             other => bad(other.to_string()),
         })
     }

@@ -1,21 +1,20 @@
-//! Levels from fine to coarse, and their image files.
+//! Image files of levels.
 
 use std::path::Path;
-use std::sync::OnceLock;
+use std::sync::{Mutex, OnceLock};
 
 use image::codecs::jpeg::JpegEncoder;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{ExtendedColorType, ImageEncoder as _, ImageError};
 use lodestream_geometry::pool::Pool;
-use lodestream_scene::asset::{TextureKind, is_tiled, tile_grid};
+use lodestream_scene::asset::TextureKind;
 
 use super::error::{TextureError, one_line};
 use super::levels::Level;
-use super::mip::Plane;
+use super::mip::{Average, Plane};
+use super::pyramid::{Image, Pyramid};
+use super::strips::Strips;
 
-/// Halving stops at a level whose longer side is at most this: smaller levels cost a message each
-/// and save nothing, since an 8 × 8 level is about 200 bytes.
-const COARSEST_SIDE_PX: u32 = 8;
 /// PNG is taken up to these many bytes above 4/3 of the lossy file: what it codes so well is flat or drawn, and shows
 /// errors most.
 const WORTH_BYTES: usize = 64;
@@ -27,49 +26,53 @@ const SAMPLE: (usize, usize) = (16, 128);
 /// How many times too long the sample may find PNG for PNG to be tried.
 const SAMPLE_SLACK: usize = 2;
 
-/// Encoded levels, coarse first, and the coarsest as a plane. The pool runs a task for each image.
-pub(super) fn levels<const N: usize>(
+/// Encoded levels, coarse first, and the coarsest as a plane. The pool runs a task for each image, and reads the next
+/// strip beside those of the last one. `encode` is given a level's number, from the finest, and an image.
+pub(super) fn levels<const N: usize, A: Average<N>>(
     (path, kind): (&Path, TextureKind),
-    plane: Plane<N>,
-    halve: impl Fn(&Plane<N>) -> Plane<N>,
-    encode: impl Fn(&Plane<N>) -> Result<Vec<u8>, ImageError> + Sync,
+    strips: &mut dyn Strips<N>,
+    encode: impl Fn(usize, &Plane<N>) -> Result<Vec<u8>, ImageError> + Sync,
     pool: &dyn Pool,
 ) -> Result<(Vec<Level>, Plane<N>), TextureError> {
-    let (mut finer, mut coarsest) = (Vec::new(), plane);
-    while coarsest.width.max(coarsest.height) > COARSEST_SIDE_PX {
-        let next = halve(&coarsest);
-        finer.push(std::mem::replace(&mut coarsest, next));
-    }
-    let planes: Vec<&Plane<N>> = finer.iter().chain([&coarsest]).collect();
-    // Fine first, as whole levels take longest.
-    let images: Vec<(usize, Option<[u32; 2]>)> =
-        (0..).zip(&planes).flat_map(|(at, plane)| images(at, plane, kind)).collect();
-    let encoded: Vec<OnceLock<_>> = images.iter().map(|_| OnceLock::new()).collect();
-    pool.run(images.len(), &|i| {
-        let (at, tile) = images[i];
-        encoded[i].get_or_init(|| match tile {
-            Some(tile) => encode(&planes[at].tile(tile)),
-            None => encode(planes[at]),
-        });
-    });
     let failed = |why: String| TextureError::Encode { path: path.to_owned(), why: one_line(&why) };
-    let mut levels: Vec<Level> = planes.iter().map(|_| Level::new()).collect();
-    for ((at, _), image) in images.into_iter().zip(encoded) {
-        let image = image.into_inner().ok_or_else(|| failed("its task did not run".to_owned()))?;
-        levels[at].push(image.map_err(|error| failed(error.to_string()))?);
+    let not_run = || failed("its task did not run".to_owned());
+    let pyramid = Pyramid::<N>::new(strips.size(), kind);
+    let mut levels: Vec<Level> =
+        pyramid.levels.iter().map(|level| vec![Vec::new(); level.images.count()]).collect();
+    let reading = Mutex::new((strips, pyramid));
+    let mut coarsest = Plane { width: 0, height: 0, samples: Vec::new() };
+    let (mut images, mut is_read): (Vec<Image<N>>, bool) = (Vec::new(), false);
+    while !(is_read && images.is_empty()) {
+        let read = usize::from(!is_read);
+        let next = OnceLock::new();
+        let encoded: Vec<OnceLock<_>> = images.iter().map(|_| OnceLock::new()).collect();
+        pool.run(read + images.len(), &|task| match task.checked_sub(read) {
+            Some(i) => {
+                encoded[i].get_or_init(|| encode(images[i].level, &images[i].plane));
+            }
+            None => {
+                next.get_or_init(|| {
+                    let mut reading = reading.lock().map_err(|_| failed("a task panicked".to_owned()))?;
+                    let (strips, pyramid) = &mut *reading;
+                    let rows = strips.next()?;
+                    Ok((rows.is_empty(), pyramid.push::<A>(&rows)))
+                });
+            }
+        });
+        for (image, encoded) in images.drain(..).zip(encoded) {
+            let file =
+                encoded.into_inner().ok_or_else(not_run)?.map_err(|error| failed(error.to_string()))?;
+            levels[image.level][image.number] = file;
+            if image.level + 1 == levels.len() {
+                coarsest = image.plane;
+            }
+        }
+        if !is_read {
+            (is_read, images) = next.into_inner().ok_or_else(not_run)??;
+        }
     }
     levels.reverse();
     Ok((levels, coarsest))
-}
-
-/// The images of a level, by its number from the finest: itself, or its tiles.
-fn images<const N: usize>(at: usize, plane: &Plane<N>, kind: TextureKind) -> Vec<(usize, Option<[u32; 2]>)> {
-    let size = [plane.width, plane.height];
-    if !is_tiled(kind, size) {
-        return vec![(at, None)];
-    }
-    let [columns, rows] = tile_grid(size);
-    (0..rows).flat_map(|row| (0..columns).map(move |column| (at, Some([column, row])))).collect()
 }
 
 /// Texels of a rectangle, row by row. Its files depend on nothing else.

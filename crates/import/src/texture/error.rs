@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use super::limits::{MAX_PIXELS, MAX_SIDE_PX};
+use super::limits::{MAX_DECODED_BYTES, MAX_PIXELS, MAX_SIDE_PX, MAX_WHOLE_PIXELS};
 
 /// A texture that cannot be used.
 #[derive(Debug, thiserror::Error)]
@@ -36,6 +36,19 @@ pub enum TextureError {
         /// Height in pixels.
         height_px: u32,
     },
+    /// The image is too large to be decoded as a whole.
+    #[error(
+        "{}: is {width_px} × {height_px} pixels; of its format and use at most {} MiB are decoded, or {MAX_WHOLE_PIXELS} pixels where images are combined or heights, so scale it down or make it a PNG that is not interlaced",
+        path.display(), MAX_DECODED_BYTES >> 20
+    )]
+    TooLong {
+        /// The file.
+        path: PathBuf,
+        /// Width in pixels.
+        width_px: u32,
+        /// Height in pixels.
+        height_px: u32,
+    },
     /// A height texture that looks like a normal map.
     #[error("{}: looks like a normal map, but heights (grey) are needed for relief", path.display())]
     NormalMap {
@@ -60,6 +73,7 @@ impl TextureError {
             Self::Read { path, .. }
             | Self::Decode { path, .. }
             | Self::TooLarge { path, .. }
+            | Self::TooLong { path, .. }
             | Self::NormalMap { path }
             | Self::Encode { path, .. } => path,
         }

@@ -4,16 +4,17 @@ use image::{DynamicImage, ExtendedColorType};
 use lodestream_geometry::pool::Pool;
 use lodestream_scene::asset::TextureKind;
 
-use super::decode::decode;
+use super::decode::decode_whole;
 use super::encode::{Rectangle, levels};
 use super::error::TextureError;
 use super::levels::Texture;
-use super::mip::Plane;
+use super::mip::{Plain, Plane};
 use super::source::Transparency;
+use super::strips::PlaneStrips;
 use crate::model::ImageSource;
 
 pub(super) fn load(source: &ImageSource, pool: &dyn Pool) -> Result<Texture, TextureError> {
-    let image = decode(source)?;
+    let image = decode_whole(source)?;
     if looks_like_normals(&image) {
         return Err(TextureError::NormalMap { path: source.path.clone() });
     }
@@ -27,7 +28,7 @@ pub(super) fn load(source: &ImageSource, pool: &dyn Pool) -> Result<Texture, Tex
     let (width_px, height_px) = (image.width(), image.height());
     let plane = Plane::<1>::from_heights(&image, deep);
     drop(image);
-    let encode = |plane: &Plane<1>| {
+    let encode = |_, plane: &Plane<1>| {
         let (bytes, format) = if deep {
             // Sixteen-bit samples are taken in native order and written in PNG's.
             (plane.samples.iter().flat_map(|s| s[0].to_ne_bytes()).collect(), ExtendedColorType::L16)
@@ -37,7 +38,8 @@ pub(super) fn load(source: &ImageSource, pool: &dyn Pool) -> Result<Texture, Tex
         let Plane { width, height, .. } = *plane;
         Rectangle { bytes: &bytes, width, height, format }.png()
     };
-    let (levels, _) = levels((&source.path, TextureKind::Height), plane, Plane::halve, encode, pool)?;
+    let mut strips = PlaneStrips::from(plane);
+    let (levels, _) = levels::<1, Plain>((&source.path, TextureKind::Height), &mut strips, encode, pool)?;
     let transparency = Transparency::None;
     Ok(Texture {
         kind: TextureKind::Height,

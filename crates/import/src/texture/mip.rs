@@ -1,11 +1,11 @@
-//! Halving by a box filter, exactly, for any size.
+//! Halving by a box filter, exactly, for any size, as rows arrive.
 //!
 //! The box covers what an output pixel covers, also where a side is odd (Guthe and Heckbert,
 //! "Non-power-of-two mipmapping", 2005): weights are integers, so sums are exact.
 
-use image::{DynamicImage, RgbaImage};
+use std::ops::Range;
 
-use lodestream_scene::asset::{TILE_BORDER, TILE_SIDE, tile_size};
+use image::{DynamicImage, RgbaImage};
 
 use crate::srgb;
 
@@ -14,6 +14,74 @@ pub(super) struct Plane<const N: usize> {
     pub(super) width: u32,
     pub(super) height: u32,
     pub(super) samples: Vec<[u16; N]>,
+}
+
+/// How samples become one.
+pub(super) trait Average<const N: usize> {
+    /// The mean of samples with weights.
+    fn weighted(inputs: impl Iterator<Item = (u64, [u16; N])>) -> [u16; N];
+
+    /// [`Self::weighted`] of four with equal weights: the same sums, divided once.
+    fn of_four(four: [[u16; N]; 4]) -> [u16; N];
+}
+
+/// The mean of each channel.
+pub(super) struct Plain;
+
+/// The mean of colours weighted by opacity, the last channel, so that the colour of invisible pixels does not bleed into
+/// visible ones.
+pub(super) struct ByOpacity;
+
+impl<const N: usize> Average<N> for Plain {
+    fn weighted(inputs: impl Iterator<Item = (u64, [u16; N])>) -> [u16; N] {
+        let (mut sums, mut total) = ([0u64; N], 0u64);
+        for (weight, sample) in inputs {
+            total += weight;
+            for (sum, value) in sums.iter_mut().zip(sample) {
+                *sum += weight * u64::from(value);
+            }
+        }
+        sums.map(|sum| ((sum + total / 2) / total) as u16)
+    }
+
+    fn of_four(four: [[u16; N]; 4]) -> [u16; N] {
+        std::array::from_fn(|c| {
+            let sum: u32 = four.iter().map(|sample| u32::from(sample[c])).sum();
+            ((sum + 2) / 4) as u16
+        })
+    }
+}
+
+impl Average<4> for ByOpacity {
+    fn weighted(inputs: impl Iterator<Item = (u64, [u16; 4])>) -> [u16; 4] {
+        let (mut weighted, mut plain, mut opacity, mut total) = ([0u128; 3], [0u128; 3], 0u128, 0u128);
+        for (weight, [r, g, b, a]) in inputs {
+            let (weight, alpha) = (u128::from(weight), u128::from(a));
+            total += weight;
+            opacity += weight * alpha;
+            for (i, value) in [r, g, b].into_iter().enumerate() {
+                weighted[i] += weight * alpha * u128::from(value);
+                plain[i] += weight * u128::from(value);
+            }
+        }
+        let (sums, by) = if opacity > 0 { (weighted, opacity) } else { (plain, total) };
+        let [r, g, b] = sums.map(|sum| ((sum + by / 2) / by) as u16);
+        [r, g, b, ((opacity + total / 2) / total) as u16]
+    }
+
+    fn of_four(four: [[u16; 4]; 4]) -> [u16; 4] {
+        let opacity: u64 = four.iter().map(|sample| u64::from(sample[3])).sum();
+        if opacity == 0 || opacity == 4 * u64::from(u16::MAX) {
+            return Plain::of_four(four);
+        }
+        std::array::from_fn(|c| {
+            if c == 3 {
+                return ((opacity + 2) / 4) as u16;
+            }
+            let sum: u64 = four.iter().map(|sample| u64::from(sample[3]) * u64::from(sample[c])).sum();
+            ((sum + opacity / 2) / opacity) as u16
+        })
+    }
 }
 
 /// For each output pixel of one axis: the first input pixel and the weights from there.
@@ -36,68 +104,71 @@ fn taps(input: u32, output: u32) -> Vec<Taps> {
         .collect()
 }
 
-impl<const N: usize> Plane<N> {
-    /// Folds each output pixel's input pixels with their weights.
-    fn halve_with(&self, fold: impl Fn(&mut dyn Iterator<Item = (u64, [u16; N])>) -> [u16; N]) -> Self {
-        let (width, height) = ((self.width / 2).max(1), (self.height / 2).max(1));
-        let (columns, rows) = (taps(self.width, width), taps(self.height, height));
-        let stride = self.width as usize;
-        let mut samples = Vec::with_capacity(width as usize * height as usize);
-        for row in &rows {
-            for column in &columns {
-                let mut inputs = row.weights.iter().enumerate().flat_map(|(y, wy)| {
-                    let start = (row.first + y) * stride + column.first;
-                    column.weights.iter().enumerate().map(move |(x, wx)| (wx * wy, self.samples[start + x]))
-                });
-                samples.push(fold(&mut inputs));
+/// Width and height of the next coarser level.
+pub(super) fn half([width, height]: [u32; 2]) -> [u32; 2] {
+    [(width / 2).max(1), (height / 2).max(1)]
+}
+
+/// The next coarser level, row by row.
+pub(super) struct Halving<const N: usize> {
+    width: usize,
+    /// Of the rows and columns; none where both sides are even.
+    taps: Option<[Vec<Taps>; 2]>,
+    /// Input rows that the next output row may need, and the number of the first.
+    held: Vec<[u16; N]>,
+    first: usize,
+    /// Output rows made so far, and all.
+    rows: Range<usize>,
+}
+
+impl<const N: usize> Halving<N> {
+    /// Of an image of this width and height.
+    pub(super) fn new(size: [u32; 2]) -> Self {
+        let [width, height] = half(size);
+        let even = size.iter().all(|side| side.is_multiple_of(2));
+        let taps = (!even).then(|| [taps(size[0], width), taps(size[1], height)]);
+        Self { width: size[0] as usize, taps, held: Vec::new(), first: 0, rows: 0..height as usize }
+    }
+
+    /// The output rows that become complete with the next input rows.
+    pub(super) fn push<A: Average<N>>(&mut self, rows: &[[u16; N]]) -> Vec<[u16; N]> {
+        self.held.extend_from_slice(rows);
+        let width = self.width;
+        let held = self.first + self.held.len() / width;
+        let mut out = Vec::with_capacity(self.held.len() / 4);
+        while !self.rows.is_empty() {
+            let row = self.rows.start;
+            let (first, end) = match &self.taps {
+                None => (2 * row, 2 * row + 2),
+                Some([_, rows]) => (rows[row].first, rows[row].first + rows[row].weights.len()),
+            };
+            if held < end {
+                break;
             }
-        }
-        Self { width, height, samples }
-    }
-
-    /// A tile with its border, which continues at the opposite edge.
-    pub(super) fn tile(&self, place: [u32; 2]) -> Self {
-        let [width, height] = tile_size([self.width, self.height], place[0], place[1]);
-        let [left, top] = place.map(|at| at * TILE_SIDE);
-        let wrapped = |at: u32, side: u32| ((at + side * TILE_BORDER) - TILE_BORDER) % side;
-        let rows = (top..top + height).map(|y| wrapped(y, self.height) as usize * self.width as usize);
-        let samples = rows.flat_map(|row| {
-            (left..left + width).map(move |x| self.samples[row + wrapped(x, self.width) as usize])
-        });
-        Self { width, height, samples: samples.collect() }
-    }
-
-    /// [`Self::halve`] of even sides, where all weights are equal: the same sums, divided once.
-    fn halve_even(&self) -> Self {
-        let stride = self.width as usize;
-        let mut samples = Vec::with_capacity(self.samples.len() / 4);
-        for rows in self.samples.chunks_exact(2 * stride) {
-            let (upper, lower) = rows.split_at(stride);
-            for ([a, b], [c, d]) in upper.as_chunks::<2>().0.iter().zip(lower.as_chunks::<2>().0) {
-                samples.push(std::array::from_fn(|i| {
-                    let sum = u32::from(a[i]) + u32::from(b[i]) + u32::from(c[i]) + u32::from(d[i]);
-                    ((sum + 2) / 4) as u16
-                }));
-            }
-        }
-        Self { width: self.width / 2, height: self.height / 2, samples }
-    }
-
-    /// The next coarser level: the mean of each channel.
-    pub(super) fn halve(&self) -> Self {
-        if self.width.is_multiple_of(2) && self.height.is_multiple_of(2) {
-            return self.halve_even();
-        }
-        self.halve_with(|inputs| {
-            let (mut sums, mut total) = ([0u64; N], 0u64);
-            for (weight, sample) in inputs {
-                total += weight;
-                for (sum, value) in sums.iter_mut().zip(sample) {
-                    *sum += weight * u64::from(value);
+            let inputs = &self.held[(first - self.first) * width..(end - self.first) * width];
+            match &self.taps {
+                None => {
+                    let (upper, lower) = inputs.split_at(width);
+                    let pairs = upper.as_chunks::<2>().0.iter().zip(lower.as_chunks::<2>().0);
+                    out.extend(pairs.map(|([a, b], [c, d])| A::of_four([*a, *b, *c, *d])));
                 }
+                Some([columns, rows]) => out.extend(columns.iter().map(|column| {
+                    A::weighted(rows[row].weights.iter().enumerate().flat_map(|(y, wy)| {
+                        let from = y * width + column.first;
+                        let inputs = column.weights.iter().zip(&inputs[from..]);
+                        inputs.map(move |(wx, sample)| (wx * wy, *sample))
+                    }))
+                })),
             }
-            sums.map(|sum| ((sum + total / 2) / total) as u16)
-        })
+            self.rows.start += 1;
+        }
+        let needed = match &self.taps {
+            None => 2 * self.rows.start,
+            Some([_, rows]) => rows.get(self.rows.start).map_or(held, |row| row.first),
+        };
+        self.held.drain(..(needed - self.first) * width);
+        self.first = needed;
+        out
     }
 }
 
@@ -112,17 +183,18 @@ impl<const N: usize> Plane<N> {
     }
 }
 
+/// Linear light with opacity, of sRGB pixels.
+pub(super) fn linear(pixels: &RgbaImage) -> Vec<[u16; 4]> {
+    let sample = |[r, g, b, a]: [u8; 4]| {
+        [srgb::to_linear(r), srgb::to_linear(g), srgb::to_linear(b), u16::from(a) * 257]
+    };
+    pixels.pixels().map(|p| sample(p.0)).collect()
+}
+
 impl Plane<4> {
     /// Linear light with opacity, of an sRGB image.
     pub(super) fn from_srgb(image: &RgbaImage) -> Self {
-        let samples = image
-            .pixels()
-            .map(|p| {
-                let [r, g, b, a] = p.0;
-                [srgb::to_linear(r), srgb::to_linear(g), srgb::to_linear(b), u16::from(a) * 257]
-            })
-            .collect();
-        Self { width: image.width(), height: image.height(), samples }
+        Self { width: image.width(), height: image.height(), samples: linear(image) }
     }
 
     /// sRGB bytes with opacity.
@@ -146,29 +218,6 @@ impl Plane<4> {
         }
         let (sums, by) = if opacity > 0 { (weighted, opacity) } else { (plain, self.samples.len() as u64) };
         sums.map(|sum| srgb::from_linear(((sum + by / 2) / by) as u16))
-    }
-
-    /// The next coarser level: colours weighted by opacity, so that the colour of invisible pixels
-    /// does not bleed into visible ones.
-    pub(super) fn halve_premultiplied(&self) -> Self {
-        if self.samples.iter().all(|s| s[3] == u16::MAX) {
-            return self.halve();
-        }
-        self.halve_with(|inputs| {
-            let (mut weighted, mut plain, mut opacity, mut total) = ([0u128; 3], [0u128; 3], 0u128, 0u128);
-            for (weight, [r, g, b, a]) in inputs {
-                let (weight, alpha) = (u128::from(weight), u128::from(a));
-                total += weight;
-                opacity += weight * alpha;
-                for (i, value) in [r, g, b].into_iter().enumerate() {
-                    weighted[i] += weight * alpha * u128::from(value);
-                    plain[i] += weight * u128::from(value);
-                }
-            }
-            let (sums, by) = if opacity > 0 { (weighted, opacity) } else { (plain, total) };
-            let [r, g, b] = sums.map(|sum| ((sum + by / 2) / by) as u16);
-            [r, g, b, ((opacity + total / 2) / total) as u16]
-        })
     }
 }
 
@@ -218,26 +267,48 @@ mod tests {
         assert_eq!(nothing.mean_srgb(), [255, 0, 0]);
     }
 
+    /// The next coarser level of a plane, from strips of so many rows.
+    fn halved<const N: usize, A: Average<N>>(plane: &Plane<N>, strip: usize) -> Vec<[u16; N]> {
+        let mut halving = Halving::new([plane.width, plane.height]);
+        let strips = plane.samples.chunks(strip * plane.width as usize);
+        strips.flat_map(|rows| halving.push::<A>(rows)).collect()
+    }
+
+    /// The same by [`Average::weighted`] and all at once.
+    fn weighted<const N: usize, A: Average<N>>(plane: &Plane<N>) -> Vec<[u16; N]> {
+        let [width, height] = half([plane.width, plane.height]);
+        let (columns, rows) = (taps(plane.width, width), taps(plane.height, height));
+        let at = |x: usize, y: usize| plane.samples[y * plane.width as usize + x];
+        let mut out = Vec::new();
+        for row in &rows {
+            out.extend(columns.iter().map(|column| {
+                A::weighted(row.weights.iter().enumerate().flat_map(|(y, wy)| {
+                    let inputs = column.weights.iter().enumerate();
+                    inputs.map(move |(x, wx)| (wx * wy, at(column.first + x, row.first + y)))
+                }))
+            }));
+        }
+        out
+    }
+
     #[test]
-    fn even_sides_halve_as_others_do() {
-        let samples = (0..12 * 6).map(|i: u16| [i.wrapping_mul(40_503), u16::MAX - i % 3]).collect();
-        let plane = Plane { width: 12, height: 6, samples };
-        let mean = |inputs: &mut dyn Iterator<Item = (u64, [u16; 2])>| {
-            let (mut sums, mut total) = ([0; 2], 0);
-            for (weight, sample) in inputs {
-                total += weight;
-                (0..2).for_each(|c| sums[c] += weight * u64::from(sample[c]));
+    fn strips_halve_as_whole_images_do() {
+        for [width, height] in [[12, 6], [13, 6], [12, 7], [5, 9], [1, 8], [9, 1], [1, 1]] {
+            let sample = |i: u16| [i.wrapping_mul(40_503), u16::MAX - i % 3, i, (i % 3) * 32_767];
+            let plane = Plane { width, height, samples: (0..(width * height) as u16).map(sample).collect() };
+            for strip in 1..8 {
+                let of = format!("{width} × {height} in strips of {strip}");
+                assert_eq!(halved::<4, Plain>(&plane, strip), weighted::<4, Plain>(&plane), "{of}");
+                assert_eq!(halved::<4, ByOpacity>(&plane, strip), weighted::<4, ByOpacity>(&plane), "{of}");
             }
-            sums.map(|sum| ((sum + total / 2) / total) as u16)
-        };
-        assert_eq!(plane.halve().samples, plane.halve_with(mean).samples);
+        }
     }
 
     #[test]
     fn the_mean_is_kept() {
         let samples: Vec<[u16; 1]> = (0..15).map(|i| [i * 1000]).collect();
-        let half = Plane { width: 5, height: 3, samples }.halve();
-        assert_eq!((half.width, half.height), (2, 1));
-        assert_eq!((half.samples[0][0] + half.samples[1][0]) / 2, 7000);
+        let half = halved::<1, Plain>(&Plane { width: 5, height: 3, samples }, 1);
+        assert_eq!(half.len(), 2);
+        assert_eq!((half[0][0] + half[1][0]) / 2, 7000);
     }
 }

@@ -13,13 +13,17 @@ mod encode;
 mod error;
 mod height;
 mod ktx2;
+mod level_images;
 mod levels;
 mod limits;
 mod mip;
 mod normal;
 mod planes;
+mod pyramid;
 mod quality;
+mod rows;
 mod source;
+mod strips;
 mod surface;
 mod webp;
 

@@ -3,14 +3,15 @@
 use lodestream_geometry::pool::Pool;
 use lodestream_scene::asset::{NORMAL_PLANES, TextureKind};
 
-use super::decode::decode;
 use super::encode::levels;
 use super::error::TextureError;
 use super::levels::Texture;
-use super::mip::Plane;
+use super::mip::{Plain, Plane};
 use super::planes;
 use super::quality::TextureQuality;
+use super::rows::Rows;
 use super::source::Transparency;
+use super::strips::{STRIP_ROWS, Strips};
 use crate::model::ImageSource;
 
 /// Sample value of 0: samples are signed values with this offset.
@@ -20,20 +21,16 @@ pub(super) fn load(
     source: &ImageSource,
     (quality, pool): (TextureQuality, &dyn Pool),
 ) -> Result<Texture, TextureError> {
-    let image = decode(source)?;
-    let (width_px, height_px) = (image.width(), image.height());
-    let rgb = image.into_rgb16();
-    let samples = rgb.pixels().map(|p| sample(p.0)).collect();
-    drop(rgb);
-    let plane = Plane::<3> { width: width_px, height: height_px, samples };
+    let mut strips = Normals(Rows::open(source)?);
+    let [width_px, height_px] = strips.size();
     // Planes hold unnormalised means of unit vectors, normalised only for writing: a level is the direction of the mean
     // over all texels that it covers.
-    let encode = |plane: &Plane<3>| {
+    let encode = |_, plane: &Plane<3>| {
         let bytes: Vec<u8> = plane.samples.iter().flat_map(|s| bytes(unit(s.map(signed)))).collect();
         let Plane { width, height, .. } = *plane;
         planes::encode(&bytes, (width, height), NORMAL_PLANES, quality)
     };
-    let (levels, _) = levels((&source.path, TextureKind::Normal), plane, Plane::halve, encode, pool)?;
+    let (levels, _) = levels::<3, Plain>((&source.path, TextureKind::Normal), &mut strips, encode, pool)?;
     let transparency = Transparency::None;
     Ok(Texture {
         kind: TextureKind::Normal,
@@ -44,6 +41,20 @@ pub(super) fn load(
         mean: None,
         levels,
     })
+}
+
+/// Unit vectors.
+struct Normals(Rows);
+
+impl Strips<3> for Normals {
+    fn size(&self) -> [u32; 2] {
+        self.0.size()
+    }
+
+    fn next(&mut self) -> Result<Vec<[u16; 3]>, TextureError> {
+        let rgb = self.0.next(STRIP_ROWS)?.into_rgb16();
+        Ok(rgb.pixels().map(|p| sample(p.0)).collect())
+    }
 }
 
 /// The unit vector of a texel. Those that point into the surface are level: files have x and y only.

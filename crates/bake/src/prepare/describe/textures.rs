@@ -76,7 +76,14 @@ impl<'a> Textures<'a> {
                 (Err(TextureError::NormalMap { .. }), TextureSource::Height(image)) if or_normals => {
                     made = self.made(TextureSource::Normal(image.clone()), false)?;
                 }
-                (Err(error @ (TextureError::TooLarge { .. } | TextureError::Encode { .. })), _) => {
+                (
+                    Err(
+                        error @ (TextureError::TooLarge { .. }
+                        | TextureError::TooLong { .. }
+                        | TextureError::Encode { .. }),
+                    ),
+                    _,
+                ) => {
                     return Err(error.into());
                 }
                 (Err(error), _) => {

@@ -3,6 +3,7 @@
 mod ktx2;
 mod maps;
 mod quality;
+mod strips;
 
 use std::io::Cursor;
 use std::path::PathBuf;
@@ -11,6 +12,7 @@ use image::{DynamicImage, GrayImage, ImageFormat, Luma, Rgb, RgbImage, Rgba, Rgb
 use tempfile::TempDir;
 
 use super::*;
+use crate::model::{Channel, Component};
 use lodestream_geometry::pool::Serial;
 use lodestream_scene::asset::TextureInfo;
 
@@ -243,23 +245,39 @@ fn avif_is_named_as_such() {
 #[test]
 fn absurd_sizes_are_refused_before_decoding() {
     let dir = TempDir::new().unwrap();
-    for (width, height) in [(MAX_SIDE_PX + 1, 1), (MAX_SIDE_PX, MAX_SIDE_PX)] {
-        // A PNG header suffices: nothing after it may be read.
+    let path = dir.path().join("huge.png");
+    // A PNG header suffices: nothing after it may be read.
+    let write = |width, height, interlaced| {
         let mut header = Vec::new();
-        png_header(&mut header, width, height);
-        let path = dir.path().join("huge.png");
+        png_header(&mut header, (width, height), interlaced);
         std::fs::write(&path, header).unwrap();
-        let error = load(&color(path.clone())).unwrap_err();
-        assert!(matches!(error, TextureError::TooLarge { .. }), "{error}");
-        assert!(error.to_string().contains("scale it down"));
+    };
+    write(MAX_SIDE_PX + 1, 1, 0);
+    let error = load(&color(path.clone())).unwrap_err();
+    assert!(matches!(error, TextureError::TooLarge { .. }), "{error}");
+    assert!(error.to_string().contains("scale it down"));
+    // Larger than what may be decoded as a whole.
+    write(MAX_SIDE_PX, MAX_SIDE_PX, 1);
+    let whole = load(&color(path.clone())).unwrap_err();
+    write(MAX_SIDE_PX, MAX_SIDE_PX, 0);
+    let heights = load(&TextureSource::Height(path.clone().into())).unwrap_err();
+    let combined = load(&TextureSource::Color {
+        image: Some(path.clone().into()),
+        opacity: Some(Channel::plain(path.clone().into(), Component::Red)),
+        used: Opacity::Blended,
+    });
+    for error in [whole, heights, combined.unwrap_err()] {
+        assert!(matches!(error, TextureError::TooLong { .. }), "{error}");
+        assert!(error.to_string().contains("make it a PNG that is not interlaced"), "{error}");
     }
 }
 
-fn png_header(out: &mut Vec<u8>, width: u32, height: u32) {
+fn png_header(out: &mut Vec<u8>, (width, height): (u32, u32), interlaced: u8) {
     let tiny = RgbImage::new(1, 1);
     DynamicImage::from(tiny).write_to(&mut Cursor::new(&mut *out), ImageFormat::Png).unwrap();
     out[16..20].copy_from_slice(&width.to_be_bytes());
     out[20..24].copy_from_slice(&height.to_be_bytes());
+    out[28] = interlaced;
     let crc = crc32(&out[12..29]);
     out[29..33].copy_from_slice(&crc.to_be_bytes());
 }
