@@ -24,6 +24,7 @@ use lodestream_scene::asset::{
 };
 use lodestream_scene::blob::{BlobId, BlobPart, Tile};
 use lodestream_scene::description::{AssetEntry, Camera, Instance, SceneHeader, SceneLighting, ScenePage};
+use lodestream_scene::limits::MAX_ENTRIES_PER_PAGE;
 use lodestream_scene::parts::{self, INSTANCES_PER_PAGE, PartInfo, PartTable, RECORDS_PER_PAGE};
 use lodestream_scene::proxy::Proxy;
 use lodestream_scene::punctual_lights::{
@@ -113,23 +114,30 @@ fn description() -> AssetDescription {
     }
 }
 
-fn tiled_levels() -> [TextureLevel; 4] {
-    [128, 256, 512, 1024].map(|side: u32| TextureLevel {
+/// Levels of a texture with so many texels along its sides.
+fn tiled_levels(side: u32) -> Vec<TextureLevel> {
+    let sides = std::iter::successors(Some(128), |side| Some(2 * side)).take_while(|level| *level <= side);
+    let level = |side: u32| TextureLevel {
         width: side,
         height: side,
         bytes: picture(side.min(256)).len() as u32,
         format: TextureFormat::Png,
-    })
+    };
+    sides.map(level).collect()
 }
 
-/// Texture regions of the hills, 8 × 8. Of the texture, u runs along x, v along z; rows of texels run down.
-fn regions(origin: [f64; 3]) -> TextureRegions {
+/// Texture regions of the hills, 8 × 8, with a texture of so many texels along its sides. Of the texture, u runs along x,
+/// v along z; rows of texels run down.
+fn regions(origin: [f64; 3], side: u32) -> TextureRegions {
+    let cells_along = (side / TILE_SIDE) as u16;
+    let cells_of = |at: u16| at * cells_along / 8..((at + 1) * cells_along).div_ceil(8);
     let region = |at: u16| {
         let (column, row) = (at % 8, at / 8);
         let [x, z] = [column, row].map(|at| 0.25 * (f32::from(at) + 0.5) - 1.0);
-        let cell = (3 - row / 2) * 4 + column / 2;
         let center = [f64::from(x) - origin[0], -origin[1], f64::from(z) - origin[2]].map(|part| part as f32);
-        let cells = std::iter::once(cell..cell + 1).collect();
+        let (columns, rows) = (cells_of(column), cells_of(row));
+        let run = |row| cells_along * row + columns.start..cells_along * row + columns.end;
+        let cells = (cells_along - rows.end..cells_along - rows.start).map(run).collect();
         let patch = TexturePatch { material: 0, area: 0.07, uv_per_unit: 0.5, cells };
         TextureRegion { sphere: Sphere { center, radius: 0.35 }, patches: vec![patch] }
     };
@@ -165,17 +173,23 @@ impl TestScene {
 
     /// The same mesh with a texture of 1024 texels, of whose levels the finer two are cut into tiles.
     pub(crate) fn tiled(assets: u32) -> Self {
-        let (level, mut prepared) = (tiled_levels(), prepared().1.clone());
+        Self::tiled_of(assets, 1024)
+    }
+
+    /// The same mesh with a texture of so many texels along its sides, of which the coarsest level has 128.
+    pub(crate) fn tiled_of(assets: u32, side: u32) -> Self {
+        let (level, mut prepared) = (tiled_levels(side), prepared().1.clone());
         let texture = TextureInfo {
-            width: 1024,
-            height: 1024,
-            levels: level.to_vec(),
+            width: side,
+            height: side,
+            levels: level.clone(),
             ..description().textures.remove(0)
         };
         let description = AssetDescription { textures: vec![texture], ..description() };
         prepared.base.description = description.encode().unwrap();
         let mut scene = Self::of(&prepared, assets);
         scene.blobs.retain(|part, _| part.texture().is_none());
+        let tile_picture = picture(TILE_SIDE + 2 * TILE_BORDER);
         for (number, level) in (0..).zip(level) {
             if number < 2 {
                 scene.blobs.insert(BlobPart::Texture { texture: 0, level: number }, picture(level.width));
@@ -184,10 +198,10 @@ impl TestScene {
             let [columns, rows] = tile_grid(level.size());
             for tile in 0..(columns * rows) as u16 {
                 let part = BlobPart::Tile(Tile { texture: 0, level: number, tile });
-                scene.blobs.insert(part, picture(TILE_SIDE + 2 * TILE_BORDER));
+                scene.blobs.insert(part, tile_picture.clone());
             }
         }
-        let regions = regions(prepared.base.grid.origin).encode().unwrap();
+        let regions = regions(prepared.base.grid.origin, side).encode().unwrap();
         scene.blobs.insert(BlobPart::TextureRegions, regions.into());
         scene
     }
@@ -232,7 +246,7 @@ impl TestScene {
                 fingerprint: [7; 16],
                 asset_count: assets,
                 instance_count: assets,
-                page_count: 1,
+                page_count: assets.div_ceil(MAX_ENTRIES_PER_PAGE as u32).max(1),
                 light: SceneLighting { direction: [0.0, 1.0, 0.0], color: [1.0; 3], ambient: [0.2; 3] },
                 background: [0.1; 3],
                 terrain: None,
@@ -373,7 +387,24 @@ impl SceneSource for TestScene {
     }
 
     fn page(&self, page: u32) -> Option<Arc<ScenePage>> {
-        (page == 0).then(|| self.page.clone())
+        if self.header.page_count == 1 {
+            return (page == 0).then(|| self.page.clone());
+        }
+        let of = |count: usize| {
+            let first = count.min(page as usize * MAX_ENTRIES_PER_PAGE);
+            first..count.min(first + MAX_ENTRIES_PER_PAGE)
+        };
+        let (assets, instances) = (&self.page.assets, &self.page.instances);
+        (page < self.header.page_count).then(|| {
+            Arc::new(ScenePage {
+                page,
+                first_asset: of(assets.len()).start as u32,
+                first_instance: of(instances.len()).start as u32,
+                assets: assets[of(assets.len())].to_vec(),
+                instances: instances[of(instances.len())].to_vec(),
+                ..ScenePage::default()
+            })
+        })
     }
 
     fn punctual_lights(&self) -> Option<&PunctualLights> {

@@ -100,6 +100,33 @@ fn tiles_give_way_to_others_and_come_back_from_the_cache() {
 }
 
 #[test]
+fn a_flight_among_a_hundred_textures_of_4096_texels_stays_within_the_bound() {
+    // Room for the whole levels of all and 60 of their 34,000 tiles. What lies behind is not missed.
+    let most = 100 * (128 * 128 + 256 * 256) + 60 * 260 * 260;
+    let mut link = Loopback::new(TestScene::tiled_of(100, 4096), |config| config.select.max_texels = most);
+    link.connect();
+    let mut drawn = Drawn::default();
+    for stop in 0..5 {
+        let x = 60.0 * f64::from(stop);
+        visit(&mut link, &mut drawn, x, 0.3);
+        let sent = tiles_sent(&link).len();
+        assert!(link.core.stats().counters.texels <= most, "{:?}", link.core.stats());
+        assert!(drawn.tiles.len() as u64 * 260 * 260 <= most && !drawn.tiles.is_empty());
+        // Nothing moves to and fro while the view rests, or along a small swing.
+        let (tiles, removed) = (drawn.tiles.clone(), drawn.removed);
+        visit(&mut link, &mut drawn, x, 0.3);
+        assert_eq!((&drawn.tiles, drawn.removed, tiles_sent(&link).len()), (&tiles, removed, sent));
+        visit(&mut link, &mut drawn, x + 0.1, 0.3);
+        let swung = tiles_sent(&link).len();
+        visit(&mut link, &mut drawn, x, 0.3);
+        visit(&mut link, &mut drawn, x + 0.1, 0.3);
+        assert_eq!(tiles_sent(&link).len(), swung);
+    }
+    assert!(drawn.removed > 100, "{}", drawn.removed);
+    assert!(link.times_sent().values().all(|n| *n == 1), "each tile once: {:?}", link.times_sent().len());
+}
+
+#[test]
 fn tiles_that_left_the_cache_are_fetched_again() {
     let most = 128 * 128 + 256 * 256 + 8 * 260 * 260;
     let (mut link, mut drawn) = settled(TestScene::tiled(1), |config| {
