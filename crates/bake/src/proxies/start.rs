@@ -35,7 +35,7 @@ pub(super) const MAX_BYTES: usize = 36 << 10;
 /// Share of the first error that the meshes may have that are simplified.
 const SOURCE_SHARE: f64 = 0.5;
 /// Most faces that are simplified, some 200 bytes each, unless there are more at the last of the errors.
-const MAX_SOURCE_FACES: usize = 1 << 20;
+const MAX_SOURCE_FACES: usize = 1 << 19;
 /// A component counts as seen if it has this share of the pixels of a square of the error.
 const MIN_SHOWN: f64 = 1.0 / 16.0;
 /// [`Settings::visible_side`]: of thousands of windows, those that are hardly seen are left out.
