@@ -24,6 +24,7 @@ mod quality;
 mod rows;
 mod source;
 mod strips;
+mod subsampling;
 mod surface;
 mod webp;
 

@@ -9,13 +9,13 @@ use image::codecs::webp::WebPEncoder;
 use image::error::{EncodingError, ImageFormatHint};
 use image::{ExtendedColorType, ImageError, ImageFormat};
 
-use super::chroma;
 use super::quality::TextureQuality;
+use super::subsampling;
 
 /// libwebp's effort, 0 to 6: 6 takes 0.93 to 0.98 of the bytes of 4, its default, at equal PSNR and 1.2 to 1.5 times as
 /// long.
 const METHOD: i32 = 6;
-/// Lost chroma ([`chroma::lost`]) above which libwebp converts to half the chroma by its slower, sharper way. It takes a
+/// Lost chroma ([`subsampling::lost`]) above which libwebp converts to half the chroma by its slower, sharper way. It takes a
 /// third of the time, and where less is lost it errs by 2 to 8 % less in 1 to 4 % more bytes, which higher quality does
 /// too; above, it saves up to 0.9 dB.
 const SHARP: f64 = 1.0;
@@ -79,7 +79,7 @@ pub(super) fn with_alpha(
     quality: TextureQuality,
 ) -> Result<Vec<u8>, ImageError> {
     let visible = without_invisible_colors(rgba, width as usize);
-    let lost = chroma::lost(&visible, width as usize);
+    let lost = subsampling::lost(&visible, width as usize);
     let colors = opaque(&visible, (width, height), lost, quality)?;
     let alpha: Vec<u8> = rgba.as_chunks::<4>().0.iter().map(|p| p[3]).collect();
     let mut lossless = Vec::new();
