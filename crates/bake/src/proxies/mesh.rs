@@ -10,6 +10,7 @@ use lodestream_scene::placement::Placement;
 use lodestream_store::{PackFile, StoreError};
 
 use super::color::corners;
+use super::components::connected;
 
 /// A base mesh as a member of a node, in its asset's units.
 pub(super) struct Piece {
@@ -104,6 +105,44 @@ impl Piece {
         })
     }
 
+    /// White triangles that share no vertex.
+    #[cfg(test)]
+    pub(super) fn of_triangles(triangles: &[[DVec3; 3]]) -> Self {
+        let face = |first: u32| PieceFace {
+            vertices: [0, 1, 2].map(|k| 3 * first + k),
+            wedges: [0, 1, 2].map(|k| 3 * first + k),
+            colors: [[u8::MAX; 4]; 3],
+            shading: [1.0, 0.0],
+        };
+        Self {
+            positions: triangles.as_flattened().to_vec(),
+            parts: Vec::new(),
+            normals: vec![DVec3::Z; 3 * triangles.len()],
+            faces: (0..triangles.len() as u32).map(face).collect(),
+            shading: Vec::new(),
+            detail: 0.0,
+        }
+    }
+
+    /// Its faces in the world.
+    pub(super) fn triangles(&self, placement: &Placement) -> impl Iterator<Item = [DVec3; 3]> {
+        let corner = |vertex: u32| placement.to_world(self.positions[vertex as usize]);
+        self.faces.iter().map(move |face| face.vertices.map(corner))
+    }
+
+    /// For each face the number of its connected component, and how many there are.
+    pub(super) fn components(&self) -> (Vec<u32>, usize) {
+        connected(self.positions.len(), self.faces.iter().map(|face| face.vertices))
+    }
+
+    /// Some of its faces.
+    pub(super) fn some(mut self, is_wanted: impl Iterator<Item = bool>) -> Self {
+        let faces = std::mem::take(&mut self.faces);
+        self.faces =
+            faces.into_iter().zip(is_wanted).filter_map(|(face, wanted)| wanted.then_some(face)).collect();
+        self
+    }
+
     /// Without its division into parts.
     pub(super) fn into_one_part(self) -> Self {
         Self { parts: Vec::new(), ..self }
@@ -148,31 +187,21 @@ fn texture_length(base: &Base, description: &AssetDescription) -> f64 {
 
 /// For each face, the diagonal of its connected component: what vanishes, or looks otherwise, as a whole.
 fn component_lengths(base: &Base) -> Vec<f64> {
-    let mut root: Vec<u32> = (0..base.positions.len() as u32).collect();
-    let find = |root: &mut Vec<u32>, mut at: u32| {
-        while root[at as usize] != at {
-            root[at as usize] = root[root[at as usize] as usize];
-            at = root[at as usize];
+    let faces = base.faces.iter().map(|f: &Face| f.wedges.map(|wedge| base.wedges[wedge as usize].vertex));
+    let (of_face, count) = connected(base.positions.len(), faces.clone());
+    let mut bounds = vec![(DVec3::INFINITY, DVec3::NEG_INFINITY); count];
+    for (vertices, &component) in faces.zip(&of_face) {
+        let (low, high) = &mut bounds[component as usize];
+        for vertex in vertices {
+            let point = DVec3::from(base.grid.position(base.positions[vertex as usize]));
+            (*low, *high) = (low.min(point), high.max(point));
         }
-        at
-    };
-    let vertices = |face: &Face| face.wedges.map(|wedge| base.wedges[wedge as usize].vertex);
-    for face in &base.faces {
-        let [a, b, c] = vertices(face).map(|vertex| find(&mut root, vertex));
-        let least = a.min(b).min(c);
-        [a, b, c].into_iter().for_each(|vertex| root[vertex as usize] = least);
     }
-    let mut bounds = vec![(DVec3::INFINITY, DVec3::NEG_INFINITY); base.positions.len()];
-    for (vertex, &position) in (0_u32..).zip(&base.positions) {
-        let point = DVec3::from(base.grid.position(position));
-        let (low, high) = &mut bounds[find(&mut root, vertex) as usize];
-        (*low, *high) = (low.min(point), high.max(point));
-    }
-    let length = |face: &Face| {
-        let (low, high) = bounds[find(&mut root, vertices(face)[0]) as usize];
-        low.distance(high)
-    };
-    base.faces.iter().map(length).collect()
+    of_face
+        .iter()
+        .map(|&component| bounds[component as usize])
+        .map(|(low, high)| low.distance(high))
+        .collect()
 }
 
 /// A node's mesh while members are added.

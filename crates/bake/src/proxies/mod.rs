@@ -6,12 +6,14 @@
 //! the start camera. What a scene of many instances needs before its first frame is then a few of these, not the base mesh of every asset.
 
 mod color;
+mod components;
 mod item_buffer;
 mod mesh;
 mod pack;
 mod start;
 #[cfg(test)]
 mod tests;
+mod thinning;
 mod tree;
 
 use std::collections::btree_map::Entry;
@@ -37,11 +39,12 @@ use crate::prepare::{Options, PrepareError};
 use crate::scene::Scene;
 use mesh::{NodeMesh, Piece, Union};
 use start::{Components, StartView};
+use thinning::Thinning;
 use tree::{Item, Node, Tree};
 
 /// Version of what packs of proxies are made from. Increment it when the same members give another pack, for reasons other
 /// than those that change all packs.
-const VERSION: u32 = 3;
+const VERSION: u32 = 4;
 /// What names of packs begin with.
 const NAME: &str = "proxy";
 /// Fewest instances, and base meshes in bytes above which a scene gets proxies: below, all of them are sent within the
@@ -225,6 +228,16 @@ struct Member<'a> {
     error: f64,
 }
 
+/// What the base mesh of a root is made from: meshes that are fine enough to be simplified to an error.
+struct Sources<'a> {
+    root: usize,
+    /// The nodes that are there.
+    made: &'a [Option<Made>],
+    error_px: f64,
+    /// Whether transparent faces count.
+    transparent_too: bool,
+}
+
 impl Maker<'_> {
     /// All nodes: the deepest level first, its nodes side by side.
     fn all(&self, threads: Threads, fetch: &mut dyn FnMut(&Path, &Key)) -> Result<Vec<Made>, PrepareError> {
@@ -333,10 +346,11 @@ impl Maker<'_> {
             let Some(&error_px) = tries.peek() else {
                 return Err(mesh_error(MeshError::NoFaces { dropped: 0 }));
             };
-            let mut fine = Union::default();
-            let mut error = self.gather(number, error_px, false, made, &mut fine)?;
+            let mut sources = Sources { root: number, made, error_px, transparent_too: false };
+            let (mut fine, mut error) = self.gather(&sources)?;
             if fine.face_count() == 0 {
-                error = self.gather(number, error_px, true, made, &mut fine)?;
+                sources.transparent_too = true;
+                (fine, error) = self.gather(&sources)?;
             }
             if !start::is_too_much(fine.face_count(), error_px) {
                 break (fine.finish(), error);
@@ -355,20 +369,39 @@ impl Maker<'_> {
                 let slope = (self.start.slope(error_px) as f32).min(1.0);
                 return Ok((base, pack::Stated { error: (error as f32).next_up(), slope }));
             }
+            // Errors that would give too many bytes are not tried.
+            let mut bytes = start::LEAST_SHARE * base.len() as f64;
+            while bytes > most_bytes as f64 && tries.len() > 1 {
+                tries.next();
+                bytes *= start::LEAST_SHARE;
+            }
         }
         Err(mesh_error(MeshError::NoFaces { dropped: 0 }))
     }
 
-    /// Adds the meshes of a root that are fine enough to be simplified to `error_px`, until there are too many. Gives their
-    /// largest error.
-    fn gather(
+    /// The union of the sources without what [`Thinning`] leaves out, until there are too many, and its error.
+    fn gather(&self, sources: &Sources<'_>) -> Result<(Union, f64), PrepareError> {
+        let mut thinning = Thinning::new(&self.start, sources.error_px);
+        let error = self.each_source(sources, &mut |piece, placement, _| {
+            thinning.add(&piece, placement);
+            true
+        })?;
+        let mut kept = thinning.kept();
+        let mut union = Union::default();
+        self.each_source(sources, &mut |piece, placement, first_part| {
+            union.add(&kept.of(piece), placement, first_part);
+            !start::is_too_much(union.face_count(), sources.error_px)
+        })?;
+        Ok((union, error + kept.error))
+    }
+
+    /// Calls `add` with each source, its place and its first part, while it returns true. Gives their largest error.
+    fn each_source(
         &self,
-        root: usize,
-        error_px: f64,
-        transparent_too: bool,
-        made: &[Option<Made>],
-        union: &mut Union,
+        sources: &Sources<'_>,
+        add: &mut dyn FnMut(Piece, &Placement, u32) -> bool,
     ) -> Result<f64, PrepareError> {
+        let &Sources { root, made, error_px, transparent_too } = sources;
         let first = self.tree.nodes[root].instances.start;
         let (mut nodes, mut instances) = (vec![root], Vec::new());
         let mut most = 0.0_f64;
@@ -381,8 +414,11 @@ impl Maker<'_> {
                 let center = DVec3::from(of.entry.origin) + Vec3::from(sphere.center).as_dvec3();
                 if self.start.is_fine(error_px, error, center, f64::from(sphere.radius)) {
                     let part = self.tree.nodes[child].instances.start - first;
-                    union.add(&Piece::read(&of.pack, transparent_too)?, &Placement::default(), part as u32);
                     most = most.max(error);
+                    let piece = Piece::read(&of.pack, transparent_too)?;
+                    if !add(piece, &Placement::default(), part as u32) {
+                        return Ok(most);
+                    }
                 } else {
                     nodes.push(child);
                 }
@@ -396,14 +432,13 @@ impl Maker<'_> {
             let pack = &self.packs[asset_of(of_asset[0]) as usize];
             let asset = pack.load()?;
             for &number in of_asset {
-                if start::is_too_much(union.face_count(), error_px) {
-                    return Ok(most);
-                }
                 let placement = &self.instances[self.tree.order[number]].placement;
                 let (piece, error) =
                     self.start.refined(error_px, pack, &asset, placement, transparent_too)?;
                 most = most.max(error);
-                union.add(&piece.into_one_part(), placement, (number - first) as u32);
+                if !add(piece.into_one_part(), placement, (number - first) as u32) {
+                    return Ok(most);
+                }
             }
         }
         Ok(most)

@@ -24,6 +24,7 @@ use lodestream_scene::view::Frustum;
 use lodestream_store::{LoadedAsset, PackFile, StoreError};
 use lodestream_threads::Threads;
 
+use super::components::connected;
 use super::item_buffer::ItemBuffer;
 use super::mesh::Piece;
 use crate::preparation_settings::CodecChoice;
@@ -32,6 +33,8 @@ use crate::preparation_settings::CodecChoice;
 pub(super) const ERRORS_PX: [f64; 8] = [12.0, 16.0, 22.0, 32.0, 45.0, 64.0, 90.0, 128.0];
 /// Most bytes of all roots, unless the last of the errors gives more.
 pub(super) const MAX_BYTES: usize = 36 << 10;
+/// Share of an error's bytes that the next error gives at least.
+pub(super) const LEAST_SHARE: f64 = 0.75;
 /// Share of the first error that the meshes may have that are simplified.
 const SOURCE_SHARE: f64 = 0.5;
 /// Most faces that are simplified, some 200 bytes each, unless there are more at the last of the errors.
@@ -99,6 +102,21 @@ impl StartView {
         ROUNDING * self.least(error_px)
     }
 
+    /// An empty item buffer of the camera.
+    pub(super) fn item_buffer(&self) -> ItemBuffer {
+        ItemBuffer::new(self.eye, &self.camera, self.nearest / 16.0)
+    }
+
+    /// Whether a component with a number of pixels counts as seen.
+    pub(super) fn is_shown(&self, error_px: f64, pixels: u32) -> bool {
+        pixels >= ((MIN_SHOWN * error_px * error_px) as u32).max(1)
+    }
+
+    /// Allowed error within a sphere in which nothing is seen.
+    pub(super) fn allowed_hidden(&self, error_px: f64, center: DVec3, radius: f64) -> f64 {
+        UNSEEN * self.slope(error_px) * (center.distance(self.eye) - radius).max(self.nearest)
+    }
+
     /// Allowed error within a sphere, as far as the frustum tells.
     fn allowed(&self, error_px: f64, center: DVec3, radius: f64) -> f64 {
         let relative = center - self.eye;
@@ -157,14 +175,13 @@ impl StartView {
         threads: Threads,
     ) -> Result<(SourceMesh, f64), MeshError> {
         let least = self.least(error_px);
-        let least_shown = (MIN_SHOWN * error_px * error_px) as u32;
         // Faces by the binary logarithm of the allowed error.
         let mut groups: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
         for (face, &number) in (0..).zip(&components.of_face) {
             let Component { low, high, shown } = components.list[number as usize];
             let center = (low + high) / 2.0;
             let mut allowed = self.allowed(error_px, center, center.distance(high));
-            if shown < least_shown.max(1) {
+            if !self.is_shown(error_px, shown) {
                 allowed = allowed.max(UNSEEN * self.slope(error_px) * center.distance(self.eye));
             }
             let group = (allowed / least).log2().max(0.0) as u32;
@@ -198,45 +215,24 @@ struct Component {
 impl Components {
     /// Cost: filling each face once.
     pub(super) fn new(mesh: &SourceMesh, view: &StartView) -> Self {
-        let mut roots: Vec<u32> = (0..mesh.positions.len() as u32).collect();
-        for face in &mesh.faces {
-            let [a, b, c] = face.map(|corner| root(&mut roots, corner.position));
-            let least = a.min(b).min(c);
-            [a, b, c].into_iter().for_each(|vertex| roots[vertex as usize] = least);
-        }
-        let mut numbers = vec![u32::MAX; mesh.positions.len()];
-        let mut list: Vec<Component> = Vec::new();
-        let mut buffer = ItemBuffer::new(view.eye, &view.camera, view.nearest / 16.0);
-        let mut of_face = Vec::with_capacity(mesh.faces.len());
-        for face in &mesh.faces {
-            let number = &mut numbers[root(&mut roots, face[0].position) as usize];
-            if *number == u32::MAX {
-                *number = list.len() as u32;
-                list.push(Component { low: DVec3::INFINITY, high: DVec3::NEG_INFINITY, shown: 0 });
-            }
+        let corners = mesh.faces.iter().map(|face| face.map(|corner| corner.position));
+        let (of_face, count) = connected(mesh.positions.len(), corners);
+        let mut list = vec![Component { low: DVec3::INFINITY, high: DVec3::NEG_INFINITY, shown: 0 }; count];
+        let mut buffer = view.item_buffer();
+        for (face, &number) in mesh.faces.iter().zip(&of_face) {
             let triangle = face.map(|corner| DVec3::from(mesh.positions[corner.position as usize]));
-            let component = &mut list[*number as usize];
+            let component = &mut list[number as usize];
             for point in triangle {
                 component.low = component.low.min(point);
                 component.high = component.high.max(point);
             }
-            buffer.draw(triangle, *number);
-            of_face.push(*number);
+            buffer.draw(triangle, number);
         }
-        for (component, shown) in list.iter_mut().zip(buffer.counts(of_face.len())) {
+        for (component, shown) in list.iter_mut().zip(buffer.counts(count)) {
             component.shown = shown;
         }
         Self { of_face, list }
     }
-}
-
-/// The root of a vertex in a disjoint-set forest.
-fn root(roots: &mut [u32], mut at: u32) -> u32 {
-    while roots[at as usize] != at {
-        roots[at as usize] = roots[roots[at as usize] as usize];
-        at = roots[at as usize];
-    }
-    at
 }
 
 /// Some faces of a mesh.
