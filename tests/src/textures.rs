@@ -1,12 +1,19 @@
-//! A texture shared by assets is uploaded once, as it is sent once.
+//! A texture shared by assets is uploaded once, as it is sent once; tiles come from every source alike.
+
+use std::collections::BTreeSet;
 
 use lodestream_bake::scene::of_files;
-use lodestream_client::core::Change;
+use lodestream_client::core::{Change, TextureChange};
+use lodestream_daemon::SessionSettings;
 use lodestream_render::{Headless, SceneView};
 
-use crate::support::picture::{Picture, headless};
+use crate::static_host::host::Host;
+use crate::static_host::publish_in;
+use crate::support::daemon::{Server, Transport};
+use crate::support::picture::{Picture, comparison, draw, headless, same};
 use crate::support::scene::{TestScene, prepare_all};
-use crate::support::shapes::write_wall;
+use crate::support::shapes::{write_plate, write_wall};
+use crate::support::viewer::{Viewer, config};
 
 /// Two walls side by side with the same textures: a colour and a height map.
 fn two_walls() -> TestScene {
@@ -60,4 +67,39 @@ fn a_shared_texture_is_uploaded_once() {
     let again = shown(&mut h, &mut one, apart);
     assert!(again.image == shared.image);
     assert_eq!(one.textures(), (4, 2 * bytes));
+}
+
+#[test]
+fn tiles_come_from_every_source_once_and_look_alike() {
+    let Some(mut headless) = headless() else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let path = write_plate(folder.path());
+    let name = publish_in(folder.path(), &path);
+    let scene = of_files(&[path]).unwrap();
+    let scene = TestScene::open(&scene, prepare_all(&scene, &folder.path().join("cache")));
+    let expected = draw(&mut headless, scene.whole());
+    let server = Server::start(scene.source(), SessionSettings::default());
+    let host = Host::start(&folder.path().join("host"));
+    let file = format!("file:{}", folder.path().join("host").join(&name).display()).parse().unwrap();
+    let addresses = [
+        server.address(Transport::Quic),
+        server.address(Transport::WebSocket),
+        host.url(&name).parse().unwrap(),
+        file,
+    ];
+    for address in addresses {
+        let mut viewer = Viewer::start(&address, config());
+        let stats = viewer.settle().stats;
+        assert_eq!((stats.decode_failures, stats.refused), (0, 0), "{address}");
+        let images = viewer.changes.iter().filter_map(|change| match change {
+            Change::Texture(TextureChange { texture, level, tile, .. }) => Some((*texture, *level, *tile)),
+            _ => None,
+        });
+        let images: Vec<_> = images.collect();
+        // The finest level of 300² texels has four tiles, of normals and of surfaces.
+        assert_eq!(images.iter().filter(|(.., tile)| tile.is_some()).count(), 8, "{address}: {images:?}");
+        assert_eq!(images.iter().collect::<BTreeSet<_>>().len(), images.len(), "{address}: {images:?}");
+        let found = comparison(&draw(&mut headless, viewer.changes), &expected);
+        assert!(same(&found), "{address}: {found:?}");
+    }
 }

@@ -15,6 +15,7 @@ use crate::support::PICTURE_PX;
 use crate::support::daemon::Server;
 use crate::support::picture::{Picture, draw, headless, keep};
 use crate::support::scene::{TestScene, prepare_all};
+use crate::support::shapes::write_plate;
 
 /// Largest FLIP error of the settled tab against the settled native picture: two drivers round differently, and edges
 /// are smoothed from other samples.
@@ -63,40 +64,12 @@ fn a_tab_shows_what_the_native_viewer_shows() {
     server.assert_healthy();
 }
 
-/// A plate with a normal map and maps of roughness and metal, of 300 texels a side: whole levels and tiles of planes.
-fn plate() -> TestScene {
-    let folder = tempfile::tempdir().unwrap();
-    let write = |name: &str, text: &str| std::fs::write(folder.path().join(name), text).unwrap();
-    write(
-        "plate.obj",
-        "mtllib plate.mtl\nusemtl plate\nv -2 -1.2 0\nv 2 -1.2 0\nv 2 1.2 0\nv -2 1.2 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 \
-         1\nf 1/1 2/2 3/3 4/4\n",
-    );
-    write("plate.mtl", "newmtl plate\nKd 0.7 0.6 0.5\nPr 1\nPm 1\nnorm n.png\nmap_Pr r.png\nmap_Pm m.png\n");
-    let wave = |at: u32, length: f64| (f64::from(at) / length).sin();
-    let byte = |value: f64| (127.5 + 127.5 * value) as u8;
-    let save = |name: &str, texel: &dyn Fn(u32, u32) -> [u8; 3]| {
-        let image = image::RgbImage::from_fn(300, 300, |x, y| image::Rgb(texel(x, y)));
-        image.save(folder.path().join(name)).unwrap();
-    };
-    save("n.png", &|x, y| {
-        let (a, b) = (0.6 * wave(x + y / 7, 9.0), 0.6 * wave(y + x / 5, 13.0));
-        [byte(a), byte(b), byte((1.0 - a * a - b * b).sqrt())]
-    });
-    save("r.png", &|x, y| [byte(wave(x, 17.0) * wave(y + x / 9, 21.0)); 3]);
-    save("m.png", &|x, y| [byte(wave(x + y, 31.0)); 3]);
-    let scene = "name = \"plate\"\n[light]\ndirection = [0.4, 0.5, 0.8]\n[camera]\neye = [0.0, 0.0, 3.0]\ntarget = \
-                 [0.0, 0.0, 0.0]\nfov_y_degrees = 42.0\n[[asset]]\nname = \"plate\"\nfile = \
-                 \"plate.obj\"\n[[instance]]\nasset = \"plate\"\n";
-    write("scene.toml", scene);
-    let scene = of_files(&[folder.path().join("scene.toml")]).unwrap();
-    TestScene::open(&scene, prepare_all(&scene, &folder.path().join("cache")))
-}
-
 #[test]
 fn normals_and_surfaces_look_in_a_tab_as_natively() {
     let (Some(mut tab), Some(mut headless)) = (tab(PICTURE_PX), headless()) else { return };
-    let scene = plate();
+    let folder = tempfile::tempdir().unwrap();
+    let scene = of_files(&[write_plate(folder.path())]).unwrap();
+    let scene = TestScene::open(&scene, prepare_all(&scene, &folder.path().join("cache")));
     let textures = &scene.assets[0].description.textures;
     let webp = |texture: &TextureInfo| texture.levels.last().unwrap().format == TextureFormat::WebP;
     assert!(textures.len() == 2 && textures.iter().all(webp), "{textures:?}");

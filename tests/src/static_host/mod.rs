@@ -29,17 +29,21 @@ pub(crate) fn published() -> &'static Path {
     static FOLDER: OnceLock<tempfile::TempDir> = OnceLock::new();
     let folder = FOLDER.get_or_init(|| {
         let folder = tempfile::tempdir().unwrap();
-        let scene = of_files(&[write_scene(folder.path())]).unwrap();
-        let host = folder.path().join("host");
-        std::fs::create_dir(&host).unwrap();
-        let objects = Objects::of_folder(&host).unwrap();
-        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
-        let done = runtime.block_on(publish(&scene, &objects, &folder.path().join("cache"), &options()));
-        assert_eq!(done.unwrap().name, "small.lss");
+        assert_eq!(publish_in(folder.path(), &write_scene(folder.path())), "small.lss");
         folder
     });
     // The folder lives as long as the process: a static is not dropped.
     Box::leak(folder.path().join("host").into_boxed_path())
+}
+
+/// Publishes a scene file into `host` in a folder; gives the scene's name there.
+pub(crate) fn publish_in(folder: &Path, scene: &Path) -> String {
+    let host = folder.join("host");
+    std::fs::create_dir(&host).unwrap();
+    let objects = Objects::of_folder(&host).unwrap();
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+    let scene = of_files(&[scene.to_owned()]).unwrap();
+    runtime.block_on(publish(&scene, &objects, &folder.join("cache"), &options())).unwrap().name
 }
 
 /// A copy of the published scene, to be damaged.

@@ -1,7 +1,7 @@
 //! Generated models, as OBJ, MTL and PNG files.
 
 use std::fmt::Write as _;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// A closed, bumpy ball with a nose. `2 × columns × (rings − 1)` faces.
 pub(crate) fn ball(rings: usize, columns: usize) -> String {
@@ -142,4 +142,33 @@ asset = "ground"
     let path = folder.join("scene.toml");
     std::fs::write(&path, text).unwrap();
     path
+}
+
+/// A plate with a normal map and maps of roughness and metal, of 300 texels a side: whole levels and tiles of
+/// planes. Gives the scene file.
+pub(crate) fn write_plate(folder: &Path) -> PathBuf {
+    let write = |name: &str, text: &str| std::fs::write(folder.join(name), text).unwrap();
+    write(
+        "plate.obj",
+        "mtllib plate.mtl\nusemtl plate\nv -2 -1.2 0\nv 2 -1.2 0\nv 2 1.2 0\nv -2 1.2 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 \
+         1\nf 1/1 2/2 3/3 4/4\n",
+    );
+    write("plate.mtl", "newmtl plate\nKd 0.7 0.6 0.5\nPr 1\nPm 1\nnorm n.png\nmap_Pr r.png\nmap_Pm m.png\n");
+    let wave = |at: u32, length: f64| (f64::from(at) / length).sin();
+    let byte = |value: f64| (127.5 + 127.5 * value) as u8;
+    let save = |name: &str, texel: &dyn Fn(u32, u32) -> [u8; 3]| {
+        let image = image::RgbImage::from_fn(300, 300, |x, y| image::Rgb(texel(x, y)));
+        image.save(folder.join(name)).unwrap();
+    };
+    save("n.png", &|x, y| {
+        let (a, b) = (0.6 * wave(x + y / 7, 9.0), 0.6 * wave(y + x / 5, 13.0));
+        [byte(a), byte(b), byte((1.0 - a * a - b * b).sqrt())]
+    });
+    save("r.png", &|x, y| [byte(wave(x, 17.0) * wave(y + x / 9, 21.0)); 3]);
+    save("m.png", &|x, y| [byte(wave(x + y, 31.0)); 3]);
+    let scene = "name = \"plate\"\n[light]\ndirection = [0.4, 0.5, 0.8]\n[camera]\neye = [0.0, 0.0, 3.0]\ntarget = \
+                 [0.0, 0.0, 0.0]\nfov_y_degrees = 42.0\n[[asset]]\nname = \"plate\"\nfile = \
+                 \"plate.obj\"\n[[instance]]\nasset = \"plate\"\n";
+    write("scene.toml", scene);
+    folder.join("scene.toml")
 }

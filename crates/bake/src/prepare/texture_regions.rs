@@ -231,7 +231,9 @@ fn regions(mut pieces: Vec<Piece>, cells: &Cells) -> TextureRegions {
     let centers = || regions.iter().map(|region: &TextureRegion| Vec3::from(region.sphere.center));
     let low = centers().reduce(Vec3::min).unwrap_or_default();
     let high = centers().reduce(Vec3::max).unwrap_or_default();
-    TextureRegions { low: low.into(), size: (high - low).max_element(), regions }
+    // A single region's box has no size, and lengths are coded by it.
+    let radius = regions.iter().map(|region| region.sphere.radius).fold(0.0, f32::max);
+    TextureRegions { low: low.into(), size: (high - low).max_element().max(radius), regions }
 }
 
 /// Divides pieces until there are at most so many.
@@ -356,6 +358,21 @@ mod tests {
             }
         }
         assert!(seen.iter().all(|seen| *seen));
+    }
+
+    #[test]
+    fn a_single_region_keeps_its_lengths_when_coded() {
+        let mut description = description(Wrap::Repeat);
+        let regions = measure(&square(0.01), &mut description, [500.0, 0.0, 3.0]).unwrap();
+        assert_eq!(regions.regions.len(), 1);
+        let back = TextureRegions::decode(&regions.encode().unwrap()).unwrap();
+        let (given, back) = (&regions.regions[0], &back.regions[0]);
+        let pairs = [
+            (given.sphere.radius, back.sphere.radius),
+            (given.patches[0].area, back.patches[0].area),
+            (given.patches[0].uv_per_unit, back.patches[0].uv_per_unit),
+        ];
+        assert!(pairs.iter().all(|(given, back)| (given / back).log2().abs() < 0.26), "{pairs:?}");
     }
 
     #[test]

@@ -22,7 +22,7 @@ const MAX_MEMORY_BYTES: usize = 16 << 20;
 pub struct TextureRegions {
     /// Least coordinates of the spheres' centres, relative to the asset's origin.
     pub low: [f32; 3],
-    /// Longest side of the box around the centres, in the asset's units.
+    /// Longest side of the box around the centres, or the largest radius if that is longer, in the asset's units.
     pub size: f32,
     /// The regions.
     pub regions: Vec<TextureRegion>,
