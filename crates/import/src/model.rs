@@ -40,7 +40,7 @@ pub struct BatchMember {
 pub struct ImageSource {
     /// The file; where `bytes` are given, a name for messages.
     pub path: PathBuf,
-    /// The bytes of a PNG, JPEG, WebP or KTX2 file, where they were in the model.
+    /// The bytes of a PNG, JPEG, WebP, AVIF or KTX2 file, where they were in the model.
     pub bytes: Option<Bytes>,
 }
 

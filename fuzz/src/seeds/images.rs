@@ -26,5 +26,10 @@ pub(super) fn images() -> Vec<(String, Vec<u8>)> {
             "uastc.ktx2",
             include_bytes!("../../../crates/import/src/texture/tests/uastc-zstd.ktx2").to_vec(),
         ),
+        seed("ycbcr.avif", include_bytes!("../../../crates/import/src/texture/avif/ramp.avif").to_vec()),
+        seed(
+            "opacity.avif",
+            include_bytes!("../../../crates/import/src/texture/avif/ramp-alpha.avif").to_vec(),
+        ),
     ]
 }

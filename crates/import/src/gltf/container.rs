@@ -16,8 +16,9 @@ use crate::error::ImportError;
 use crate::file::{MAX_FILE_BYTES, read_file};
 
 /// Extensions that a file may require, besides [`COMPRESSED_VIEWS`] and, with the feature `draco`, [`DRACO`].
-const SUPPORTED: [&str; 8] = [
+const SUPPORTED: [&str; 9] = [
     "EXT_mesh_gpu_instancing",
+    TEXTURE_AVIF,
     TEXTURE_WEBP,
     TEXTURE_BASISU,
     "KHR_lights_punctual",
@@ -36,9 +37,7 @@ fn supported(name: &str) -> bool {
 /// Whether a file is imported without the extension even if it requires it: extensions of materials and lights, images of
 /// textures, and metadata.
 fn dispensable(name: &str) -> bool {
-    name.contains("_materials_")
-        || name.contains("_lights_")
-        || [TEXTURE_AVIF, "KHR_xmp_json_ld"].contains(&name)
+    name.contains("_materials_") || name.contains("_lights_") || name == "KHR_xmp_json_ld"
 }
 
 const MAGIC: &[u8; 4] = b"glTF";

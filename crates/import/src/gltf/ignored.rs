@@ -4,7 +4,6 @@ use std::collections::BTreeMap;
 
 use super::container::Document;
 use super::lights;
-use super::root::TEXTURE_AVIF;
 
 /// Number of occurrences of each ignored feature.
 #[derive(Default)]
@@ -31,7 +30,6 @@ impl Ignored {
             let instead = match name {
                 "KHR_materials_transmission" => " (drawn as opacity unless it has a texture)",
                 "KHR_materials_pbrSpecularGlossiness" => " (drawn as metallic-roughness)",
-                TEXTURE_AVIF => " (AVIF is not read; textures show their PNG or JPEG image)",
                 _ => "",
             };
             ignored.note(&format!("extension {name}{instead}"));

@@ -174,16 +174,11 @@ fn find_image(document: &Document, texture: usize, buffers: &mut Buffers<'_>) ->
     };
     let extension = |name: &str| stated.extensions.as_ref()?.others.get(name);
     // An extension's image is what the author prefers; the texture's own is for programs that cannot read it.
-    let source = [TEXTURE_WEBP, TEXTURE_BASISU].into_iter().find_map(extension);
+    let source = [TEXTURE_WEBP, TEXTURE_BASISU, TEXTURE_AVIF].into_iter().find_map(extension);
     let source = source.and_then(|of| of.get("source")?.as_u64()?.try_into().ok());
     let source = source.unwrap_or_else(|| stated.source.value());
     let Some(image) = root.images.get(source) else {
-        return Err(match extension(TEXTURE_AVIF) {
-            Some(_) => {
-                format!("textures[{texture}] has only an AVIF image; convert it to PNG, JPEG, WebP or KTX2")
-            }
-            None => format!("textures[{texture}] has no PNG, JPEG, WebP or KTX2 image"),
-        });
+        return Err(format!("textures[{texture}] has no PNG, JPEG, WebP, AVIF or KTX2 image"));
     };
     // A name for messages; no file has it.
     let label = || {

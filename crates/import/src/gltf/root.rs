@@ -17,12 +17,10 @@ use serde_json::{Map, Value};
 /// The extension of meshes that are compressed with Draco.
 pub(super) const DRACO: &str = "KHR_draco_mesh_compression";
 
-/// Extensions of textures whose image is a WebP file, or a KTX2 file of Basis Universal.
+/// Extensions of textures whose image is a WebP or AVIF file, or a KTX2 file of Basis Universal.
 pub(super) const TEXTURE_WEBP: &str = "EXT_texture_webp";
-pub(super) const TEXTURE_BASISU: &str = "KHR_texture_basisu";
-
-/// The extension of textures whose image is an AVIF file, which is not read.
 pub(super) const TEXTURE_AVIF: &str = "EXT_texture_avif";
+pub(super) const TEXTURE_BASISU: &str = "KHR_texture_basisu";
 
 /// Extensions that compress buffer views.
 pub(super) const COMPRESSED_VIEWS: [&str; 2] = ["EXT_meshopt_compression", "KHR_meshopt_compression"];

@@ -5,6 +5,7 @@ use std::path::Path;
 
 use image::{DynamicImage, ImageDecoder as _, ImageError, ImageReader, Limits};
 
+use super::avif::Avif;
 use super::error::{TextureError, one_line};
 use super::ktx2::Ktx2;
 use super::limits::{MAX_DECODED_BYTES, MAX_PIXELS, MAX_SIDE_PX, MAX_WHOLE_PIXELS};
@@ -84,26 +85,51 @@ struct ImageFile<'a> {
     /// For messages.
     path: &'a Path,
     bytes: &'a [u8],
-    /// The file, if it is of this format: the crate `image` reads the others.
-    ktx2: Option<Ktx2<'a>>,
+    /// The file, if it is of a format that the crate `image` does not read.
+    other: Option<Other<'a>>,
     size_px: (u32, u32),
+}
+
+enum Other<'a> {
+    Avif(Avif<'a>),
+    Ktx2(Ktx2<'a>),
+}
+
+impl<'a> Other<'a> {
+    fn open(bytes: &'a [u8]) -> Result<Option<Self>, String> {
+        if Avif::is_one(bytes) {
+            return Avif::open(bytes).map(|file| Some(Self::Avif(file)));
+        }
+        Ktx2::is_one(bytes).then(|| Ktx2::open(bytes).map(Self::Ktx2)).transpose()
+    }
+
+    fn size(&self) -> (u32, u32) {
+        match self {
+            Self::Avif(file) => file.size(),
+            Self::Ktx2(file) => file.size(),
+        }
+    }
+
+    fn decode(&self) -> Result<DynamicImage, String> {
+        match self {
+            Self::Avif(file) => file.decode(),
+            Self::Ktx2(file) => file.decode(),
+        }
+    }
 }
 
 impl<'a> ImageFile<'a> {
     fn open(path: &'a Path, bytes: &'a [u8]) -> Result<Self, TextureError> {
         let bad = |why: String| TextureError::Decode { path: path.to_owned(), why: one_line(&why) };
-        if bytes.get(4..8) == Some(b"ftyp") {
-            return Err(bad("AVIF and HEIF are not read; convert it to one of these".to_owned()));
-        }
-        let ktx2 = Ktx2::is_one(bytes).then(|| Ktx2::open(bytes)).transpose().map_err(bad)?;
-        let size_px = match &ktx2 {
+        let other = Other::open(bytes).map_err(bad)?;
+        let size_px = match &other {
             Some(file) => file.size(),
             None => reader(bytes)
                 .and_then(ImageReader::into_dimensions)
                 .map_err(|error| bad(error.to_string()))?,
         };
         check_size(path, size_px)?;
-        Ok(Self { path, bytes, ktx2, size_px })
+        Ok(Self { path, bytes, other, size_px })
     }
 
     fn decode(&self) -> Result<DynamicImage, TextureError> {
@@ -111,7 +137,7 @@ impl<'a> ImageFile<'a> {
         let (width_px, height_px) = self.size_px;
         let too_long = || TextureError::TooLong { path: self.path.to_owned(), width_px, height_px };
         let pixels = u64::from(width_px) * u64::from(height_px);
-        if let Some(file) = &self.ktx2 {
+        if let Some(file) = &self.other {
             if pixels > MAX_WHOLE_PIXELS {
                 return Err(too_long());
             }

@@ -16,7 +16,7 @@ pub enum TextureError {
         source: std::io::Error,
     },
     /// The file is not a supported image.
-    #[error("{}: is not a readable PNG, JPEG, WebP or KTX2: {why}", path.display())]
+    #[error("{}: is not a readable PNG, JPEG, WebP, AVIF or KTX2: {why}", path.display())]
     Decode {
         /// The file.
         path: PathBuf,

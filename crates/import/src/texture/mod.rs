@@ -4,6 +4,7 @@
 //! 8 or 16 bits. The same file gives the same bytes on every machine and number of threads: mips are integer arithmetic,
 //! and the encoders are too.
 
+mod avif;
 mod channel;
 mod chroma;
 mod color;
