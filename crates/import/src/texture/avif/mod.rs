@@ -10,10 +10,11 @@ use re_rav1d::{Decoder, Picture, Settings};
 
 use self::boxes::{Container, Property};
 use self::color::{Coding, Image};
+use super::limits::MAX_WHOLE_PIXELS;
 
 /// Item type of AV1.
 const AV1: [u8; 4] = *b"av01";
-/// Most calls for the frame of an item: its layers, of which the last that is shown counts.
+/// Most calls until the frame of an item is there.
 const MAX_CALLS: usize = 16;
 
 /// An AVIF file.
@@ -111,11 +112,15 @@ impl<'a> Avif<'a> {
     /// The frame of an item.
     fn frame(&self, item: u32) -> Result<Picture, String> {
         let (width, height) = self.stored_px;
+        // Of a cropped image, the callers know the size of the part only.
+        if u64::from(width) * u64::from(height) > MAX_WHOLE_PIXELS {
+            return Err(format!("it is a part of {width} × {height} pixels, which are too many; convert it"));
+        }
         let mut settings = Settings::new();
         settings.set_n_threads(1);
         settings.set_max_frame_delay(1);
         // Refuses larger frames before memory is reserved.
-        settings.set_frame_size_limit(width.saturating_mul(height));
+        settings.set_frame_size_limit(width * height);
         let mut decoder = Decoder::with_settings(&settings).map_err(|why| why.to_string())?;
         let mut sent = decoder.send_data(self.container.data(item)?, None, None, None);
         for _ in 0..MAX_CALLS {

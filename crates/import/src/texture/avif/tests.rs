@@ -200,6 +200,10 @@ fn what_is_not_read_is_named() {
     let mut other_size = File::new();
     other_size.properties[0].1[7] = 40;
     refused(other_size, "another size");
+    let mut vast = File::new().with("clap", &crop([20, 10, 0, 0]));
+    vast.properties[0].1 = [0, 30_000, 30_000].map(|field: u32| field.to_be_bytes()).concat();
+    assert_eq!(Avif::open(&vast.written()).unwrap().size(), (20, 10));
+    refused(vast, "a part of 30000 × 30000 pixels");
     let mut matrix = File::new();
     matrix.properties[1].1[9] = 8;
     refused(matrix, "matrix coefficients 8");
