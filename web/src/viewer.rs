@@ -202,6 +202,7 @@ impl Viewer {
         } else {
             usize::MAX
         };
+        self.bound_tiles();
         let bytes = self.scene.upload(&self.gpu, &self.renderer, budget, now_s).map_err(text)?;
         if self.presented_ms.is_some() {
             self.most_uploaded = self.most_uploaded.max(bytes);

@@ -60,8 +60,8 @@ pub struct Config {
 const FACE_BYTES: u64 = 360;
 /// Steps by which the faces that are selected follow the memory that meshes take: small changes change no selection.
 const MESH_STEPS: u64 = 16;
-/// Bytes of a texel in GPU memory.
-const TEXEL_BYTES: u64 = 4;
+/// Bytes that a texel reserves in GPU memory: tiles can fill two thirds of the renderer's budget, and have borders.
+const TEXEL_BYTES: u64 = 7;
 
 impl Config {
     /// Sets the cache and the budgets of the selection so that client and renderer together take at most about
@@ -71,7 +71,7 @@ impl Config {
         let eighth = memory_bytes / 8;
         self.cache_bytes = eighth;
         self.select.max_bytes = eighth;
-        self.select.max_texels = 2 * eighth / TEXEL_BYTES;
+        self.select.max_texels = (2 * eighth / TEXEL_BYTES).min(SelectSettings::default().max_texels);
         self.max_mesh_bytes = 3 * eighth;
         self.select.max_faces = self.max_mesh_bytes / FACE_BYTES;
         self.max_waiting_bytes =

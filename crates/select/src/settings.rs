@@ -84,7 +84,8 @@ pub struct SelectSettings {
     pub max_faces: u64,
     /// Most payload bytes in use. Above it the threshold rises.
     pub max_bytes: u64,
-    /// Most texels of texture levels and tiles in use; each takes four bytes of GPU memory, of height maps one or two.
+    /// Most texels of texture levels and tiles in use; each takes four bytes of GPU memory, of height maps one or two. By
+    /// default three fifths of 256 MiB: the renderer's budget for tiles, of which they can fill two thirds.
     /// Tiles that the view does not need give way; what is beyond it then is not wanted.
     pub max_texels: u64,
     /// Chunks are undone below this fraction of the error at which they are applied. Values near 1 save memory, lower
@@ -126,7 +127,7 @@ impl Default for SelectSettings {
         Self {
             max_faces: 8_000_000,
             max_bytes: 512 << 20,
-            max_texels: 64 << 20,
+            max_texels: 40 << 20,
             undo_below: Share(0.7),
             keep_out_of_view: Share(0.5),
             max_wanted: const { NonZeroUsize::new(512).unwrap() },

@@ -12,6 +12,9 @@ use super::Viewer;
 const HEAPS_BYTES: f64 = 17e6;
 /// Share of render targets.
 const TARGETS_SHARE: f64 = 0.75;
+/// The streamer's share of content for texels (`Config::bound_memory`), and most of it for tiles.
+const TEXELS_SHARE: f64 = 0.25;
+const MAX_TILE_BYTES: u64 = 256 << 20;
 /// Bytes of a pixel of the canvas: browsers keep one picture that is drawn and one that is shown.
 const CANVAS_BYTES: u64 = 2 * 4;
 
@@ -21,6 +24,12 @@ impl Viewer {
     pub(super) fn fit_targets(&mut self) {
         let most = self.shared_bytes() * TARGETS_SHARE - self.canvas_bytes() as f64;
         self.fitted = fit_targets(self.settings, (self.config.width, self.config.height), most as u64);
+    }
+
+    /// Bounds the renderer's pages for tiles of textures as the streamer bounds texels.
+    pub(super) fn bound_tiles(&self) {
+        let bytes = (self.content_bytes() * TEXELS_SHARE) as u64;
+        self.renderer.set_texture_tile_budget(bytes.min(MAX_TILE_BYTES));
     }
 
     /// Memory that render targets and scene share.

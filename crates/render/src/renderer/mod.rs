@@ -228,9 +228,9 @@ impl Renderer {
         self.kit.tiles.used(gpu)
     }
 
-    /// Sets the most memory that tiles of textures take, in bytes (default: 256 MiB). It is allocated as tiles come, in
-    /// doubling pieces: while one is replaced by the next, both are there. A smaller budget takes effect as tiles are
-    /// removed.
+    /// Sets the most memory that tiles of textures take, in bytes (default: 256 MiB). It is allocated as tiles come, by
+    /// replacing an array with a larger one. Both are within the budget, so tiles can fill two thirds to five sixths of
+    /// it. A smaller budget takes effect as tiles are removed.
     pub fn set_texture_tile_budget(&self, bytes: u64) {
         self.kit.tiles.set_budget(bytes);
     }

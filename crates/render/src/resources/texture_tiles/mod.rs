@@ -20,7 +20,7 @@ use lodestream_scene::asset::TextureKind;
 pub(crate) use self::bindings::TileBindings;
 pub(crate) use self::grid::TilePlace;
 use self::grid::{FADED_IN, MAX_PAGES, PageNumber, Tile, TileGrid};
-use self::pages::{LAYER_BYTES, PAGES_OF_LAYER, PageArray, has_view_formats};
+use self::pages::{LAYER_BYTES, PAGES_OF_LAYER, PageArray, final_layers, has_view_formats};
 use self::table::PageTable;
 pub(crate) use self::uniform::TiledMap;
 use crate::resources::gpu::{Gpu, RenderError};
@@ -37,11 +37,13 @@ pub(crate) const DEFAULT_BUDGET_BYTES: u64 = 256 << 20;
 pub struct TextureTileUse {
     /// GPU memory of the pages, in bytes; at most the budget.
     pub bytes: u64,
+    /// Most bytes that pages took at once, those of an array that was being replaced too; at most the largest budget.
+    pub peak_bytes: u64,
     /// The budget, in bytes.
     pub budget_bytes: u64,
     /// Pages with a tile.
     pub pages: u32,
-    /// Pages that there can be within the budget.
+    /// Pages that there can be within the budget: two thirds of it or more.
     pub most_pages: u32,
 }
 
@@ -101,18 +103,15 @@ fn most_layers_of_array(gpu: &Gpu) -> u32 {
 }
 
 impl State {
-    /// Most layers of an array, beside what others have.
-    fn most_layers(&self, gpu: &Gpu, array: usize) -> u32 {
-        let others = (0..).zip(&self.arrays).filter(|(at, _)| *at != array);
-        let others: u64 = others.map(|(_, other)| other.bytes()).sum();
-        let within = self.budget_bytes.saturating_sub(others) / LAYER_BYTES;
-        u32::try_from(within).unwrap_or(u32::MAX).min(most_layers_of_array(gpu))
+    /// Layers of an array's share of the budget, which arrays share equally.
+    fn budget_layers(&self) -> u32 {
+        let share = self.budget_bytes / self.arrays.len() as u64;
+        u32::try_from(share / LAYER_BYTES).unwrap_or(u32::MAX)
     }
 
-    /// Most pages of all arrays.
-    fn most_pages(&self, gpu: &Gpu) -> u32 {
-        let within = u32::try_from(self.budget_bytes / LAYER_BYTES).unwrap_or(u32::MAX);
-        within.min(most_layers_of_array(gpu) * self.arrays.len() as u32) * PAGES_OF_LAYER
+    /// Most layers of an array.
+    fn most_layers(&self, gpu: &Gpu) -> u32 {
+        final_layers(self.budget_layers(), most_layers_of_array(gpu))
     }
 
     /// Replaces a tile, and what the table says of it.
@@ -129,23 +128,23 @@ impl State {
 
     /// A free page, of a new layer if there must be one.
     fn page(&mut self, gpu: &Gpu, array: usize) -> Result<PageNumber, RenderError> {
-        let (most, layers) = (self.most_layers(gpu, array), self.arrays[array].layers());
+        let budget = self.budget_layers();
+        let full = RenderError::NoTileRoom { budget_bytes: self.budget_bytes };
         // A budget that has become smaller is not exceeded by more tiles.
-        if self.arrays[array].used() >= most * PAGES_OF_LAYER {
-            return Err(RenderError::NoTileRoom { budget_bytes: self.budget_bytes });
+        if self.arrays[array].used() >= self.most_layers(gpu) * PAGES_OF_LAYER {
+            return Err(full);
         }
-        if self.arrays[array].is_full() {
-            self.arrays[array].grow(gpu, (2 * layers).clamp(1, most));
+        if self.arrays[array].is_full() && self.arrays[array].grow(gpu, budget, most_layers_of_array(gpu)) {
             self.bindings.forget();
         }
-        self.arrays[array].take().ok_or(RenderError::NoTileRoom { budget_bytes: self.budget_bytes })
+        self.arrays[array].take().ok_or(full)
     }
 
     /// Moves tiles together where much is free.
     fn shrink(&mut self, gpu: &Gpu) {
+        let (budget, most) = (self.budget_layers(), self.most_layers(gpu));
         for array in 0..self.arrays.len() {
-            let most = self.most_layers(gpu, array);
-            let Some(layers) = self.arrays[array].shrunk(most) else { continue };
+            let Some(layers) = self.arrays[array].shrunk(budget, most) else { continue };
             let own = || self.textures.values().filter(|texture| texture.array == array);
             let mut used: Vec<_> =
                 own().flat_map(|texture| texture.grid.tiles().map(|(_, tile)| tile.page)).collect();
@@ -250,9 +249,10 @@ impl TextureTiles {
         let state = self.state();
         TextureTileUse {
             bytes: state.arrays.iter().map(PageArray::bytes).sum(),
+            peak_bytes: state.arrays.iter().map(PageArray::peak_bytes).sum(),
             budget_bytes: state.budget_bytes,
             pages: state.arrays.iter().map(PageArray::used).sum(),
-            most_pages: state.most_pages(gpu),
+            most_pages: state.most_layers(gpu) * PAGES_OF_LAYER * state.arrays.len() as u32,
         }
     }
 
@@ -339,40 +339,39 @@ mod tests {
         let Some(h) = headless(1, 1) else { return };
         let gpu = h.gpu();
         let pool = TextureTiles::with_arrays(gpu, 2);
-        pool.set_budget(3 * LAYER_BYTES);
+        pool.set_budget(6 * LAYER_BYTES);
         let sets = [TextureKind::Color, TextureKind::Normal].map(|kind| {
             let shape = TextureShape::full(2048, 2048, kind).tiled();
             pool.add(gpu, &shape, shape.whole()).unwrap()
         });
         let place = |number: u32| TilePlace { level: 11, column: number % 8, row: number / 8 };
         let mut formats = Vec::new();
-        // The first array doubles to two layers, the other has what is left.
-        for (set, count) in sets.iter().zip([32, 16]) {
-            for number in 0..count {
+        for set in &sets {
+            for number in 0..48 {
                 set.set(gpu, place(number), |_, format| formats.push(format)).unwrap();
             }
             formats.dedup();
         }
         assert_eq!(formats, [wgpu::TextureFormat::Rgba8UnormSrgb, wgpu::TextureFormat::Rgba8Unorm]);
         for set in &sets {
-            let refused = set.set(gpu, place(40), |_, _| panic!("nothing is written"));
+            let refused = set.set(gpu, place(50), |_, _| panic!("nothing is written"));
             assert!(matches!(refused, Err(RenderError::NoTileRoom { .. })));
         }
         let used = pool.used(gpu);
-        assert_eq!((used.bytes, used.pages, used.most_pages), (3 * LAYER_BYTES, 48, 48));
+        assert_eq!((used.bytes, used.pages, used.most_pages), (6 * LAYER_BYTES, 96, 96));
         pool.begin_frame(gpu, f32::MAX);
         gpu.check().unwrap();
         // A smaller budget takes effect as tiles go; none comes in their place.
-        pool.set_budget(LAYER_BYTES);
+        pool.set_budget(2 * LAYER_BYTES);
         pool.begin_frame(gpu, f32::MAX);
-        assert_eq!(pool.used(gpu).bytes, 3 * LAYER_BYTES);
+        assert_eq!(pool.used(gpu).bytes, 6 * LAYER_BYTES);
         let [colours, normals] = sets;
         drop(normals);
-        assert!((0..16).all(|number| colours.remove(place(number))));
+        assert!((0..32).all(|number| colours.remove(place(number))));
         assert!(matches!(colours.set(gpu, place(0), |_, _| {}), Err(RenderError::NoTileRoom { .. })));
         pool.begin_frame(gpu, f32::MAX);
         assert_eq!(pool.used(gpu).bytes, LAYER_BYTES);
-        assert!((16..32).all(|number| colours.has(place(number))));
+        assert!((32..48).all(|number| colours.has(place(number))));
         drop(colours);
         pool.begin_frame(gpu, f32::MAX);
         assert_eq!((pool.used(gpu).bytes, pool.used(gpu).pages), (0, 0));
