@@ -503,11 +503,12 @@ class Reader:
             material["emission_texture"] = self.f("emission_texture", b.u16)
         if flags & 128:
             second = self.f("second", b.u8)
-            alpha, u, v = second & 3, second >> 3 & 3, second >> 5
+            alpha, u, v = second & 3, second >> 3 & 3, second >> 5 & 3
             ensure(alpha < 3 and u < 3 and v < 3, f"unknown flags of a material: {second}")
             wraps = ["repeat", "clamp", "mirror"]
             material["alpha"] = ["opaque", "mask", "blend"][alpha]
             material["unlit"] = bool(second & 4)
+            material["flat"] = bool(second & 128)
             material["wrap"] = [wraps[u], wraps[v]]
             if alpha == 1:
                 material["cutoff"] = self.f("cutoff", b.u8)

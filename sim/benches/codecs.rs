@@ -91,8 +91,8 @@ impl Row {
 }
 
 fn row(model: &Path) -> anyhow::Result<Row> {
-    let imported =
-        lodestream_import::import(model).with_context(|| format!("cannot import {}", model.display()))?;
+    let imported = lodestream_import::import_smooth(model)
+        .with_context(|| format!("cannot import {}", model.display()))?;
     let precision = Precision::Bits(12);
     let mesh = quantise(&imported.mesh, &QuantiseSettings { precision, ..QuantiseSettings::default() })?;
     let prepared = |codec| prepare(&mesh, &Settings { codec, ..Settings::default() }, &Serial, &Silent);

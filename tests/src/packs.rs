@@ -165,7 +165,7 @@ fn exports_are_as_good_as_they_say() {
     ] {
         let set = lowest_error(&asset.base, &asset.infos, asset.head_bytes(), budget);
         let mesh = asset.refined(&set.members).unwrap().to_mesh();
-        write_obj(&mut std::fs::File::create(&out).unwrap(), &mesh, &asset.material_names()).unwrap();
+        write_obj(&mut std::fs::File::create(&out).unwrap(), &mesh, &asset.description.materials).unwrap();
         let exported = read_obj(&out).unwrap();
         assert_eq!(exported.triangles.len() as u64, set.faces, "{budget:?}");
         let found = compare(&original, &exported, &settings).unwrap();

@@ -207,7 +207,7 @@ export class Preview {
       const of = (color, mean) => (color ? color.map((c, i) => c * (mean ? linear(mean[i]) : 1)) : [0, 0, 0]);
       const albedo = of(look.color, look.texture);
       const emission = of(look.emission, look.emission_texture);
-      const drawn = { first: 2 * first, count: indices[group].length, albedo, emission, unlit: look.unlit };
+      const drawn = { first: 2 * first, count: indices[group].length, albedo, emission, unlit: look.unlit, flat: look.flat };
       first += drawn.count;
       return drawn;
     });
@@ -335,12 +335,12 @@ export class Preview {
       gl.uniform3fv(places.offset, subtract(start, eye));
       gl.uniform4fv(places.rotation, rotation);
       gl.uniform1f(places.scale, mesh.step * scale);
-      gl.uniform1f(places.flat_faces, mesh.flat ? 1 : 0);
       gl.bindVertexArray(mesh.array);
-      for (const { first, count, albedo, emission, unlit } of mesh.looks) {
+      for (const { first, count, albedo, emission, unlit, flat } of mesh.looks) {
         gl.uniform3fv(places.albedo, albedo);
         gl.uniform3fv(places.emission, emission);
         gl.uniform1f(places.unlit, unlit ? 1 : 0);
+        gl.uniform1f(places.flat_faces, flat || mesh.flat ? 1 : 0);
         gl.drawElements(gl.TRIANGLES, count, gl.UNSIGNED_SHORT, first);
       }
     }

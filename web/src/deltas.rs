@@ -229,6 +229,7 @@ fn material(material: &Material) -> JsValue {
         ("alphaMode", alpha.into()),
         ("alphaCutoff", cutoff.into()),
         ("unlit", material.unlit.into()),
+        ("flat", material.flat.into()),
         ("wrap", material.wrap.map(wrap).iter().collect::<Array>().into()),
         ("baseColorTexture", texture(material.base_color_texture)),
         ("surfaceTexture", texture(material.surface_texture)),

@@ -5,16 +5,17 @@ use std::io::{self, Write};
 
 use lodestream_geometry::mesh::{NO_COLOR, QuantisedMesh};
 use lodestream_geometry::normals::wedge_normals;
+use lodestream_scene::asset::Material;
 
 /// Writes a mesh: one `v` per vertex, one `vt` per wedge, one `vn` per normal that differs.
 ///
-/// Normals are those that the viewer draws ([`wedge_normals`]). Colours follow the position
+/// Normals are those that the viewer draws ([`wedge_normals`]); faces of flat materials have none (`s off`). Colours follow the position
 /// (`v x y z r g b`, sRGB-encoded in 0..=1, then opacity if any is not 1) where the mesh has them; a
 /// vertex whose wedges differ in colour is written once per colour, since OBJ has no index for colours.
 ///
 /// # Errors
 /// Errors of the writer.
-pub fn write_obj(out: &mut dyn Write, mesh: &QuantisedMesh, material_names: &[String]) -> io::Result<()> {
+pub fn write_obj(out: &mut dyn Write, mesh: &QuantisedMesh, materials: &[Material]) -> io::Result<()> {
     writeln!(out, "# {} vertices, {} faces", mesh.positions.len(), mesh.faces.len())?;
     let vertex_of = write_vertices(out, mesh)?;
     let has_uv = mesh.uv_grid.bits > 0;
@@ -25,23 +26,30 @@ pub fn write_obj(out: &mut dyn Write, mesh: &QuantisedMesh, material_names: &[St
         }
     }
     let normal_of = write_normals(out, mesh)?;
-    let mut material = None;
+    let (mut material, mut flat) = (None, false);
     for face in &mesh.faces {
         if material != Some(face.material) {
             material = Some(face.material);
-            match material_names.get(usize::from(face.material)) {
-                Some(name) if !name.is_empty() => writeln!(out, "usemtl {name}")?,
+            let found = materials.get(usize::from(face.material));
+            match found {
+                Some(Material { name, .. }) if !name.is_empty() => writeln!(out, "usemtl {name}")?,
                 _ => writeln!(out, "usemtl material-{}", face.material)?,
+            }
+            flat = found.is_some_and(|material| material.flat);
+            if flat {
+                writeln!(out, "s off")?;
             }
         }
         write!(out, "f")?;
         for wedge in face.wedges {
             let (vertex, normal) = (vertex_of[wedge as usize], normal_of[wedge as usize]);
-            if has_uv {
-                // OBJ counts from 1.
-                write!(out, " {vertex}/{}/{normal}", u64::from(wedge) + 1)?;
-            } else {
-                write!(out, " {vertex}//{normal}")?;
+            // OBJ counts from 1.
+            let uv = u64::from(wedge) + 1;
+            match (has_uv, flat) {
+                (true, false) => write!(out, " {vertex}/{uv}/{normal}")?,
+                (false, false) => write!(out, " {vertex}//{normal}")?,
+                (true, true) => write!(out, " {vertex}/{uv}")?,
+                (false, true) => write!(out, " {vertex}")?,
             }
         }
         writeln!(out)?;
@@ -141,8 +149,21 @@ mod tests {
 
     fn text(mesh: &QuantisedMesh) -> String {
         let mut out = Vec::new();
-        write_obj(&mut out, mesh, &["red".into()]).unwrap();
+        let red = Material { name: "red".into(), ..Material::default() };
+        write_obj(&mut out, mesh, &[red]).unwrap();
         String::from_utf8(out).unwrap()
+    }
+
+    #[test]
+    fn flat_faces_are_written_and_read_back_flat() {
+        let mut out = Vec::new();
+        let of = |name: &str, flat| Material { name: name.into(), flat, ..Material::default() };
+        write_obj(&mut out, &fold(true), &[of("red", true), of("blue", false)]).unwrap();
+        let dir = tempfile::TempDir::new().unwrap();
+        let path = dir.path().join("a.obj");
+        std::fs::write(&path, out).unwrap();
+        let read = lodestream_import::import(&path).unwrap();
+        assert_eq!([0, 1].map(|i: usize| read.materials[i].material.flat), [true, false]);
     }
 
     #[test]

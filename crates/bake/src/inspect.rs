@@ -34,6 +34,8 @@ pub struct Summary {
     pub blended_materials: u64,
     /// Unlit materials.
     pub unlit_materials: u64,
+    /// Materials whose faces are shaded by their own normals.
+    pub flat_materials: u64,
     /// Emissive materials.
     pub emissive_materials: u64,
     /// Metallic materials.
@@ -111,6 +113,7 @@ pub fn inspect(path: &Path) -> Result<Summary, StoreError> {
         masked_materials: materials(&|m| matches!(m.alpha, Alpha::Mask(_))),
         blended_materials: materials(&|m| m.alpha == Alpha::Blend),
         unlit_materials: materials(&|m| m.unlit),
+        flat_materials: materials(&|m| m.flat),
         emissive_materials: materials(&|m| m.emission != [0.0; 3]),
         metallic_materials: materials(&|m| m.metallic > 0.0),
         textures: asset.description.textures.len() as u64,

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use crate::error::ImportError;
 use crate::file::{is_gltf, is_ply};
 use crate::model::{Imported, Part};
+use crate::shading::{CreaseAngle, Unshaded};
 use crate::{gltf, obj, ply};
 
 /// Imports a whole model file with the files that it names.
@@ -12,14 +13,27 @@ use crate::{gltf, obj, ply};
 /// # Errors
 /// Unusable geometry, with its place; see [`ImportError`].
 pub fn import(path: &Path) -> Result<Imported, ImportError> {
-    import_part(path, &Part::Whole)
+    import_part(path, &Part::Whole, CreaseAngle::default())
+}
+
+/// As [`import`], with all faces without normals as smooth surfaces. Codecs and simplification are measured so, as other
+/// programs' are, which get positions alone.
+///
+/// # Errors
+/// As there.
+pub fn import_smooth(path: &Path) -> Result<Imported, ImportError> {
+    import_part(path, &Part::Whole, CreaseAngle::SMOOTH)
 }
 
 /// Imports a part of a model file.
 ///
 /// # Errors
 /// As [`import`].
-pub fn import_part(path: &Path, part: &Part) -> Result<Imported, ImportError> {
+pub fn import_part(path: &Path, part: &Part, crease: CreaseAngle) -> Result<Imported, ImportError> {
+    read_part(path, part).map(|read| read.shade(crease))
+}
+
+fn read_part(path: &Path, part: &Part) -> Result<Unshaded, ImportError> {
     match part {
         Part::Whole if is_ply(path) => ply::import(path),
         Part::Whole if !is_gltf(path) => obj::import(path),

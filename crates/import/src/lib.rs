@@ -18,6 +18,7 @@ mod model_file;
 mod obj;
 mod ply;
 pub mod setting;
+mod shading;
 pub mod srgb;
 pub mod terrain;
 #[cfg(test)]
@@ -29,10 +30,11 @@ mod weld;
 pub use content::Content;
 pub use error::ImportError;
 pub use file::{MAX_FILE_BYTES, is_gltf, is_ply, read_file};
-pub use import::{dependencies, import, import_part};
+pub use import::{dependencies, import, import_part, import_smooth};
 pub use model::{
     BatchMember, Channel, Component, HeightMap, ImageSource, Imported, ImportedMaterial, MaterialMaps, Part,
     SurfaceMap,
 };
 pub use model_file::ModelFile;
 pub use setting::InvalidValue;
+pub use shading::CreaseAngle;

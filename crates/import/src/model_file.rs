@@ -9,6 +9,7 @@ use crate::file::is_gltf;
 use crate::gltf::{self, Contents, CopyTolerance, Document, PartSize};
 use crate::import::{dependencies, import_part};
 use crate::model::{Imported, Part};
+use crate::shading::CreaseAngle;
 
 /// A model file. The JSON of a glTF file is parsed once and stays in memory, its buffers are read where they are needed.
 /// Files of other formats have only one part, for which they are read.
@@ -73,10 +74,10 @@ impl ModelFile {
     ///
     /// # Errors
     /// As [`crate::import`].
-    pub fn import(&self, part: &Part) -> Result<Imported, ImportError> {
+    pub fn import(&self, part: &Part, crease: CreaseAngle) -> Result<Imported, ImportError> {
         match &self.document {
-            Some(document) => document.import(part),
-            None => import_part(&self.path, part),
+            Some(document) => document.import(part).map(|read| read.shade(crease)),
+            None => import_part(&self.path, part, crease),
         }
     }
 }

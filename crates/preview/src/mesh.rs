@@ -145,6 +145,7 @@ fn look_of(material: &Material, description: &AssetDescription) -> Value {
         "emission": material.emits().then(|| material.emission.map(short)),
         "emission_texture": mean(material.emission_texture),
         "unlit": material.unlit,
+        "flat": material.flat,
     })
 }
 

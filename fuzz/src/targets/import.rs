@@ -80,8 +80,9 @@ fn import_gltf(data: &[u8], ceiling: Ceiling) -> bool {
             Part::Mesh { mesh: 0, linear: [[1.0, 0.5, 0.0], [0.0, -2.0, 0.0], [0.0, 0.0, 1.0]] },
         ];
         for part in parts {
-            if let Ok(imported) = within(ceiling, data.len(), || lodestream_import::import_part(&path, &part))
-            {
+            if let Ok(imported) = within(ceiling, data.len(), || {
+                lodestream_import::import_part(&path, &part, lodestream_import::CreaseAngle::default())
+            }) {
                 consistent(&imported.mesh, imported.materials.len());
                 accepted = true;
             }

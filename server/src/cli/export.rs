@@ -66,7 +66,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         anyhow::bail!("{path}: the base mesh alone takes {least}; give a larger budget");
     }
     let mesh = asset.refined(&set.members).with_context(|| path.to_string())?.to_mesh();
-    write_atomically(&arguments.output, |out| write_obj(out, &mesh, &asset.material_names()))
+    write_atomically(&arguments.output, |out| write_obj(out, &mesh, &asset.description.materials))
         .with_context(|| format!("{}: cannot be written", arguments.output.display()))?;
     Ok(Outcome::good(format!(
         "{}: {} faces, {} vertices, {} chunks ({} of them up to a truncation point), {} bytes, error {}\n",

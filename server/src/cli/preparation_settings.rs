@@ -3,8 +3,8 @@
 use clap::Args;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use lodestream_bake::preparation_settings::{
-    Batching, BlockFaces, CodecChoice, NormalTolerance, PositionBits, Precision, PreparationSettings,
-    ReliefDepth, Round, TextureQuality, Tolerance, UvBits,
+    Batching, BlockFaces, CodecChoice, CreaseAngle, NormalTolerance, PositionBits, Precision,
+    PreparationSettings, ReliefDepth, Round, TextureQuality, Tolerance, UvBits,
 };
 use lodestream_geometry::{Metric, Named};
 
@@ -32,6 +32,10 @@ pub(super) struct PreparationArguments {
     /// faces: 0 keeps all, 180 none [default: 10].
     #[arg(long, value_name = "DEGREES")]
     normal_tolerance: Option<NormalTolerance>,
+    /// Of models without normals, neighbouring faces at a larger angle are shaded apart, where the file does not say which
+    /// are smooth [default: 40].
+    #[arg(long, value_name = "DEGREES")]
+    crease_angle: Option<CreaseAngle>,
     /// Cost of an edge collapse: qem (quadric error), melax (length × curvature), clustering (size of the cell that
     /// holds both ends) or clustering-seams (the same, along seams) [default: qem].
     #[arg(long, value_name = "METRIC", value_parser = by_name::<Metric>())]
@@ -84,6 +88,7 @@ impl PreparationArguments {
             precision: position_bits.map(Precision::Bits).or(tolerance.map(Precision::Tolerance)),
             uv_bits: self.uv_bits,
             normal_tolerance: self.normal_tolerance,
+            crease_angle: self.crease_angle,
             metric: self.metric,
             round: self.round_size,
             codec: self.codec,

@@ -30,8 +30,8 @@ pub fn count(
     position_bits: PositionBits,
     tolerances: &[NormalTolerance],
 ) -> anyhow::Result<Vec<SentNormals>> {
-    let imported =
-        lodestream_import::import(path).with_context(|| format!("cannot import {}", path.display()))?;
+    let imported = lodestream_import::import_smooth(path)
+        .with_context(|| format!("cannot import {}", path.display()))?;
     let model = path.file_name().unwrap_or(path.as_os_str()).to_string_lossy();
     let count = |&tolerance| of_mesh(&imported.mesh, &model, position_bits, tolerance);
     let counted: anyhow::Result<_> = tolerances.iter().map(count).collect();

@@ -18,8 +18,8 @@ pub fn train(models: &[PathBuf], position_bits: PositionBits) -> anyhow::Result<
         QuantiseSettings { precision: Precision::Bits(position_bits.get()), ..QuantiseSettings::default() };
     let mut meshes = Vec::with_capacity(models.len());
     for path in models {
-        let imported =
-            lodestream_import::import(path).with_context(|| format!("cannot import {}", path.display()))?;
+        let imported = lodestream_import::import_smooth(path)
+            .with_context(|| format!("cannot import {}", path.display()))?;
         let mesh = quantise(&imported.mesh, &settings);
         meshes.push(mesh.with_context(|| format!("cannot quantise {}", path.display()))?);
     }

@@ -25,7 +25,7 @@ pub(crate) fn quantised(
         return Ok(vec![("generated".to_owned(), None, quantise(&height_field(200), &settings)?)]);
     }
     let load = |file: PathBuf| {
-        let mut mesh = lodestream_import::import(&file)
+        let mut mesh = lodestream_import::import_smooth(&file)
             .with_context(|| format!("cannot import {}", file.display()))?
             .mesh;
         change(&mut mesh);

@@ -4,7 +4,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use anyhow::Context as _;
-use lodestream_bake::preparation_settings::{CodecChoice, Precision, PreparationSettings};
+use lodestream_bake::preparation_settings::{CodecChoice, CreaseAngle, Precision, PreparationSettings};
 use lodestream_bake::prepare::{Options, prepare_all};
 use lodestream_bake::proxies;
 use lodestream_bake::scene::{self, Scene};
@@ -72,7 +72,10 @@ fn prepared(
                 )
             })?;
             let precision = position_bits.map(Precision::Bits);
-            let preparation_settings = PreparationSettings { precision, ..preparation_settings };
+            // As the other codecs get it, which is positions alone where the file has no normals.
+            let crease_angle = Some(CreaseAngle::SMOOTH);
+            let preparation_settings =
+                PreparationSettings { precision, crease_angle, ..preparation_settings };
             return prepare(Scene::of_models(&[folder.join(file)])?, preparation_settings, cache, quiet);
         }
         SceneChoice::Field(field) => {

@@ -6,6 +6,7 @@ use std::str::FromStr;
 use lodestream_geometry::quantise::{self, QuantiseSettings};
 use lodestream_geometry::{Metric, Settings};
 
+use lodestream_import::CreaseAngle;
 use lodestream_import::setting::InvalidValue;
 use lodestream_import::texture::TextureQuality;
 
@@ -33,6 +34,8 @@ pub struct PreparationSettings {
     pub uv_bits: Option<UvBits>,
     /// Largest angle between a source normal and the normal of its faces for which the former is dropped.
     pub normal_tolerance: Option<NormalTolerance>,
+    /// Largest angle between faces that are shaded as one smooth surface, where the file does not say.
+    pub crease_angle: Option<CreaseAngle>,
     /// Error metric of collapses.
     pub metric: Option<Metric>,
     /// Order of collapses.
@@ -59,6 +62,7 @@ impl PreparationSettings {
             precision: self.precision.or(other.precision),
             uv_bits: self.uv_bits.or(other.uv_bits),
             normal_tolerance: self.normal_tolerance.or(other.normal_tolerance),
+            crease_angle: self.crease_angle.or(other.crease_angle),
             metric: self.metric.or(other.metric),
             round: self.round.or(other.round),
             codec: self.codec.or(other.codec),
@@ -121,6 +125,7 @@ impl fmt::Display for PreparationSettings {
         write!(f, ", region-faces {}, codec {}", settings.region_faces, self.codec())?;
         // Written only if set: nearly all meshes are smaller.
         self.block_faces.map_or(Ok(()), |faces| write!(f, ", block-faces {}", faces.get()))?;
+        self.crease_angle.map_or(Ok(()), |angle| write!(f, ", crease-angle {angle}°"))?;
         self.relief_depth.map_or(Ok(()), |depth| write!(f, ", relief-depth {depth}"))?;
         self.texture_quality.map_or(Ok(()), |quality| write!(f, ", texture-quality {quality}"))
     }
@@ -179,6 +184,7 @@ impl PreparationSettings {
             "tolerance" => self.precision = Some(Precision::Tolerance(value.parse()?)),
             "uv-bits" => self.uv_bits = Some(value.parse()?),
             "normal-tolerance" => self.normal_tolerance = Some(value.trim_end_matches('°').parse()?),
+            "crease-angle" => self.crease_angle = Some(value.trim_end_matches('°').parse()?),
             "metric" => self.metric = Some(value.parse::<Metric>()?),
             "round-size" => self.round = Some(value.parse()?),
             "block-faces" => self.block_faces = Some(value.parse()?),
@@ -242,6 +248,7 @@ mod tests {
             precision: Tolerance::try_from(0.1 + 0.2).ok().map(Precision::Tolerance),
             uv_bits: uv(9),
             normal_tolerance: degrees(2.5),
+            crease_angle: CreaseAngle::try_from(30.5).ok(),
             metric: Some(Metric::Melax),
             round: Round::try_from(0.1).ok(),
             codec: Some(Codec::Zstd.into()),

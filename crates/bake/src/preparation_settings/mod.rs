@@ -6,6 +6,7 @@
 //! | position bits, or tolerance | [`PositionBits`], [`Tolerance`] | 4 to 24, or a positive length | grid of positions |
 //! | uv bits | [`UvBits`] | 1 to 16 | grid of texture coordinates |
 //! | normal tolerance | [`NormalTolerance`] | 0 to 180 degrees | which normals are sent |
+//! | crease angle | [`CreaseAngle`] | 0 to 180 degrees | where surfaces are smooth |
 //! | relief depth | [`ReliefDepth`] | 0 to 1 of texture coordinates | materials |
 //! | texture quality | [`TextureQuality`] | 1 to 100: lossless | textures |
 //! | metric | [`Metric`](lodestream_geometry::Metric) | `qem`, `melax`, `clustering`, `clustering-seams` | order of collapses |
@@ -28,6 +29,7 @@ mod setting;
 pub use batching::Batching;
 pub use choices::{Precision, PreparationSettings, ReadError};
 pub use codec_choice::CodecChoice;
+pub use lodestream_import::CreaseAngle;
 pub use lodestream_import::texture::TextureQuality;
 pub use setting::{
     BatchFaces, BlockFaces, CoarseGrid, LevelShare, NormalTolerance, PositionBits, RegionFaces, ReliefDepth,

@@ -219,7 +219,8 @@ fn content(asset: &Asset, source: &Source) -> Result<Option<(Imported, Vec<u8>)>
     if size.faces > MAX_CONTENT_FACES && !matches!(asset.part, Part::Batch(_)) {
         return Ok(None);
     }
-    let imported = source.model.import(&asset.part)?;
+    let imported =
+        source.model.import(&asset.part, asset.preparation_settings.crease_angle.unwrap_or_default())?;
     // Materials that cannot be encoded are an error when the asset is prepared.
     let materials =
         materials_key::encode(&asset.name, &imported.materials, &|image| source.image_hash(image));
@@ -408,7 +409,8 @@ fn prepare_with_key(keyed: Keyed, options: &Options, pack: &Path) -> Result<Repo
     let Keyed { asset, source, key, imported } = keyed;
     let Asset { name, file: model, part, preparation_settings } = &asset;
     let mesh_error = |source| PrepareError::Mesh { path: model.clone(), source };
-    let imported = imported.map_or_else(|| source.model.import(part), Ok)?;
+    let crease = asset.preparation_settings.crease_angle.unwrap_or_default();
+    let imported = imported.map_or_else(|| source.model.import(part, crease), Ok)?;
     let mut warnings = imported.warnings;
     let threads = options.threads.map_or_else(Threads::all_cores, Threads::new);
     let described = describe::describe(name, &imported.materials, preparation_settings, &threads)

@@ -11,7 +11,7 @@ use crate::preparation_settings::{CodecChoice, ReliefDepth, TextureQuality};
 use crate::scene::Asset;
 
 /// Version of the encoding. Increment it when a field is added, removed or reordered, or a tag changes its meaning.
-const VERSION: u16 = 3;
+const VERSION: u16 = 4;
 
 /// Everything besides the model's files that determines a pack. Threads and progress do not.
 #[derive(Clone, Debug)]
@@ -22,6 +22,8 @@ pub(super) struct PackSettings<'a> {
     pub(super) part: Option<Part>,
     /// Grids and normals.
     pub(super) quantise: QuantiseSettings,
+    /// Where surfaces without normals are smooth, in degrees.
+    pub(super) crease_angle: f64,
     /// Simplification and coding; `codec` below takes the place of its codec.
     pub(super) simplify: Settings,
     /// Codec, or the rule that selects one.
@@ -40,6 +42,7 @@ impl<'a> PackSettings<'a> {
             name,
             part: Some(part.clone()),
             quantise: preparation_settings.quantise_settings(),
+            crease_angle: preparation_settings.crease_angle.unwrap_or_default().get(),
             simplify: asset.simplify_settings(),
             codec: preparation_settings.codec(),
             relief_depth: preparation_settings.relief_depth.map(ReliefDepth::get),
@@ -59,7 +62,8 @@ impl PackSettings<'_> {
     ///
     /// The patterns name every field, so a new one does not compile until it is encoded here.
     pub(super) fn encode(&self) -> Vec<u8> {
-        let Self { name, ref part, quantise, simplify, codec, relief_depth, texture_quality } = *self;
+        let Self { name, ref part, quantise, crease_angle, simplify, codec, relief_depth, texture_quality } =
+            *self;
         let mut bytes = VERSION.to_le_bytes().to_vec();
         put_count(&mut bytes, name.len());
         bytes.extend(name.as_bytes());
@@ -81,6 +85,7 @@ impl PackSettings<'_> {
             }
         }
         put_quantise(&mut bytes, quantise);
+        put_number(&mut bytes, crease_angle);
         put_simplify(&mut bytes, simplify);
         bytes.push(match codec {
             CodecChoice::Auto => 0,
@@ -172,6 +177,7 @@ mod tests {
             name: "a",
             part: Some(Part::Whole),
             quantise: QuantiseSettings::default(),
+            crease_angle: 40.0,
             simplify: Settings::default(),
             codec: CodecChoice::Auto,
             relief_depth: None,
@@ -206,6 +212,7 @@ mod tests {
             ("another tolerance", |s| s.quantise.precision = Precision::Tolerance(0.2)),
             ("uv bits", |s| s.quantise.uv_bits += 1),
             ("normal tolerance", |s| s.quantise.normal_tolerance += 1.0),
+            ("crease angle", |s| s.crease_angle += 1.0),
             ("region faces", |s| s.simplify.region_faces += 1),
             ("level share", |s| s.simplify.level_share += 0.01),
             ("top regions", |s| s.simplify.top_regions += 0.5),
@@ -249,7 +256,7 @@ mod tests {
         assert_eq!(bytes[..2], VERSION.to_le_bytes());
         assert_eq!(
             bytes.len(),
-            2 + 9 + 1 + (2 + 1 + 8) + (3 * 8 + 2 * 8 + 3 * 8 + 1 + 1 + 8 + 8 + 1) + 1 + 1 + 1
+            2 + 9 + 1 + (2 + 1 + 8) + 8 + (3 * 8 + 2 * 8 + 3 * 8 + 1 + 1 + 8 + 8 + 1) + 1 + 1 + 1
         );
     }
 }

@@ -32,6 +32,8 @@ struct PieceFace {
     colors: [[u8; 4]; 3],
     /// Roughness and metalness.
     shading: [f64; 2],
+    /// Whether it is shaded by its own normal.
+    flat: bool,
 }
 
 impl Piece {
@@ -93,6 +95,7 @@ impl Piece {
                 wedges: face.wedges,
                 colors: colors?,
                 shading: shadings.get(usize::from(face.material)).copied().unwrap_or([1.0, 0.0]),
+                flat: description.materials.get(usize::from(face.material)).is_some_and(|m| m.flat),
             })
         });
         Ok(Self {
@@ -113,6 +116,7 @@ impl Piece {
             wedges: [0, 1, 2].map(|k| 3 * first + k),
             colors: [[u8::MAX; 4]; 3],
             shading: [1.0, 0.0],
+            flat: false,
         };
         Self {
             positions: triangles.as_flattened().to_vec(),
@@ -208,8 +212,8 @@ fn component_lengths(base: &Base) -> Vec<f64> {
 #[derive(Default)]
 pub(super) struct Union {
     mesh: SourceMesh,
-    /// Roughness, metalness and their weight, summed by area.
-    shading: [f64; 3],
+    /// Roughness, metalness, flatness and their weight, summed by area.
+    shading: [f64; 4],
     /// Roughness and metalness of the members' materials, and the largest length in the world that has them.
     materials: Vec<([f64; 2], f64)>,
     /// Largest [`Piece::detail`] in the world.
@@ -246,7 +250,7 @@ impl Union {
             let [a, b, c] = face.vertices.map(|vertex| piece.positions[vertex as usize]);
             let area = (b - a).cross(c - a).length() * f64::from(placement.scale).powi(2);
             let [roughness, metallic] = face.shading;
-            [area * roughness, area * metallic, area]
+            [area * roughness, area * metallic, if face.flat { area } else { 0.0 }, area]
                 .into_iter()
                 .zip(&mut self.shading)
                 .for_each(|(x, sum)| *sum += x);
@@ -263,14 +267,21 @@ impl Union {
         self.mesh.faces.len()
     }
 
-    /// The mesh, with one opaque material of mean roughness and metalness.
-    pub(super) fn finish(self) -> NodeMesh {
-        let [roughness, metallic, area] = self.shading;
+    /// The mesh, with one opaque material of mean roughness and metalness, flat if most of it is. Few flat faces get no
+    /// normals of their own, which would take more bytes than their positions.
+    pub(super) fn finish(mut self) -> NodeMesh {
+        let [roughness, metallic, flat, area] = self.shading;
+        let flat = 2.0 * flat > area;
+        if flat {
+            self.mesh.normals.clear();
+            self.mesh.faces.iter_mut().flatten().for_each(|corner| corner.normal = NONE);
+        }
         let mean = if area > 0.0 { [roughness / area, metallic / area] } else { [1.0, 0.0] };
         let material = Material {
             base_color: [1.0; 4],
             roughness: mean[0] as f32,
             metallic: mean[1] as f32,
+            flat,
             ..Material::default()
         };
         let differs = |(of, length): &([f64; 2], f64)| {

@@ -44,7 +44,7 @@ use tree::{Item, Node, Tree};
 
 /// Version of what packs of proxies are made from. Increment it when the same members give another pack, for reasons other
 /// than those that change all packs.
-const VERSION: u32 = 4;
+const VERSION: u32 = 5;
 /// What names of packs begin with.
 const NAME: &str = "proxy";
 /// Fewest instances, and base meshes in bytes above which a scene gets proxies: below, all of them are sent within the

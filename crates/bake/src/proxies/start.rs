@@ -245,10 +245,12 @@ fn of_faces(mesh: &SourceMesh, faces: &[u32]) -> SourceMesh {
                 own.positions.push(mesh.positions[corner.position as usize]);
                 own.positions.len() as u32 - 1
             });
-            own.normals.push(mesh.normals[corner.normal as usize]);
+            let normal = mesh.normals.get(corner.normal as usize).map_or(NONE, |normal| {
+                own.normals.push(*normal);
+                own.normals.len() as u32 - 1
+            });
             own.colors.push(mesh.colors[corner.color as usize]);
-            let at = own.normals.len() as u32 - 1;
-            Corner { position, uv: NONE, normal: at, color: at }
+            Corner { position, uv: NONE, normal, color: own.colors.len() as u32 - 1 }
         });
         own.faces.push(corners);
         own.parts.push(mesh.parts[face as usize]);

@@ -66,7 +66,8 @@ fn computed(mesh: &QuantisedMesh) -> Vec<Vec3> {
 
 /// Cosine of `0..=180` degrees, to 2e-14: a Taylor series for an eighth of the angle, doubled three times. libm
 /// results differ between machines, and packs must not.
-fn cosine(degrees: f64) -> f64 {
+#[must_use]
+pub fn cosine(degrees: f64) -> f64 {
     let x = degrees * (std::f64::consts::PI / 180.0) / 8.0;
     let square = x * x;
     let (mut term, mut sum) = (1.0, 1.0);

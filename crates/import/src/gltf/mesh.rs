@@ -15,7 +15,7 @@ use super::ignored::Ignored;
 use super::material::{Converted, convert};
 use super::root::Primitive;
 use crate::error::ImportError;
-use crate::model::Imported;
+use crate::shading::{FaceShading, ShadingRuns, Unshaded};
 use crate::srgb::linear_to_srgb;
 
 /// Most triangles of one asset, over all nodes that are merged into it.
@@ -29,6 +29,7 @@ pub(super) struct Builder<'a> {
     buffers: Buffers<'a>,
     streams: Streams,
     mesh: SourceMesh,
+    shading: ShadingRuns,
     materials: Vec<Converted>,
     /// By index in the file; `None` is the default material.
     material_of: BTreeMap<Option<usize>, u16>,
@@ -62,6 +63,7 @@ impl<'a> Builder<'a> {
             buffers,
             streams: Streams::default(),
             mesh: SourceMesh::default(),
+            shading: ShadingRuns::default(),
             materials: Vec::new(),
             material_of: BTreeMap::new(),
             ignored: Ignored::of_file(document),
@@ -102,6 +104,7 @@ impl<'a> Builder<'a> {
         }
         let added = self.add(mesh, &DMat4::IDENTITY);
         self.warnings.clear();
+        self.shading = ShadingRuns::default();
         let taken = std::mem::take(&mut self.mesh);
         added.map(|()| taken)
     }
@@ -157,6 +160,9 @@ impl<'a> Builder<'a> {
             self.mesh.faces.push([corner(a), corner(b), corner(c)]);
             self.mesh.materials.push(material);
         }
+        // "When normals are not specified, client implementations MUST calculate flat normals" (glTF 2.0, §3.7.2.1).
+        let shading = if attributes.normals.is_some() { FaceShading::Given } else { FaceShading::Flat };
+        self.shading.push(self.mesh.faces.len(), shading);
         Ok(())
     }
 
@@ -339,7 +345,7 @@ impl<'a> Builder<'a> {
     ///
     /// # Errors
     /// A model without a triangle.
-    pub(super) fn finish(mut self) -> Result<Imported, ImportError> {
+    pub(super) fn finish(mut self) -> Result<Unshaded, ImportError> {
         self.warnings.extend(self.ignored.warning(self.document));
         if self.mesh.faces.is_empty() {
             let found = format!(
@@ -351,7 +357,7 @@ impl<'a> Builder<'a> {
         }
         debug_assert!(self.mesh.faces.iter().flatten().all(|c| c.position != NONE));
         let materials = self.materials.into_iter().map(|converted| converted.imported).collect();
-        Ok(Imported { mesh: self.mesh, materials, warnings: self.warnings })
+        Ok(Unshaded { mesh: self.mesh, materials, shading: self.shading, warnings: self.warnings })
     }
 }
 

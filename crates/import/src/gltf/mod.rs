@@ -39,7 +39,8 @@ use glam::{DMat3, DMat4, DQuat, DVec3};
 
 use crate::content::{Content as _, OpenFile};
 use crate::error::ImportError;
-use crate::model::{Imported, Part};
+use crate::model::Part;
+use crate::shading::Unshaded;
 pub(crate) use container::Document;
 use container::Location;
 pub use contents_bytes::CONTENTS_VERSION;
@@ -123,13 +124,13 @@ fn open(path: &Path) -> Result<Document, ImportError> {
 }
 
 /// Imports a file, or one mesh of it.
-pub(super) fn import(path: &Path, part: &Part) -> Result<Imported, ImportError> {
+pub(super) fn import(path: &Path, part: &Part) -> Result<Unshaded, ImportError> {
     open(path)?.import(part)
 }
 
 impl Document {
     /// Imports the file, or one mesh of it.
-    pub(crate) fn import(&self, part: &Part) -> Result<Imported, ImportError> {
+    pub(crate) fn import(&self, part: &Part) -> Result<Unshaded, ImportError> {
         let mut builder = Builder::new(self);
         match part {
             Part::Whole => {

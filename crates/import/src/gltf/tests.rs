@@ -19,7 +19,7 @@ use tempfile::TempDir;
 
 use super::{MeshSize, contents};
 use crate::meshopt::tests::Random;
-use crate::{ImportError, Imported, Part, dependencies, import, import_part};
+use crate::{CreaseAngle, ImportError, Imported, Part, dependencies, import, import_part};
 
 const BYTE: u32 = 5120;
 const UBYTE: u32 = 5121;
@@ -296,7 +296,7 @@ fn nodes_place_their_meshes_and_mirrors_stay_the_right_way_round() {
     let [mirrored, turned] = &contents.placed[..] else { panic!("{:?}", contents.placed) };
     assert!((turned.placement.scale - 3.0).abs() < 1e-6 && (mirrored.placement.scale - 2.0).abs() < 1e-6);
     for (placed, expected) in [(mirrored, &faces[..2]), (turned, &faces[2..])] {
-        let part = import_part(&path, &placed.part).unwrap();
+        let part = import_part(&path, &placed.part, CreaseAngle::default()).unwrap();
         for (face, expected) in places(&part).into_iter().zip(expected) {
             for (p, q) in face.into_iter().zip(expected) {
                 let p = placed.placement.to_world(DVec3::from_array(p));

@@ -12,7 +12,8 @@ use lodestream_geometry::mesh::{Corner, NONE, SourceMesh};
 
 use crate::error::ImportError;
 use crate::file::{MAX_FILE_BYTES, read_file};
-use crate::model::{Imported, ImportedMaterial};
+use crate::model::ImportedMaterial;
+use crate::shading::{FaceShading, ShadingRuns, Unshaded};
 use crate::triangulate::triangulate;
 use crate::weld::Weld;
 use mtl::Library;
@@ -29,7 +30,7 @@ const MAX_MATERIALS: usize = lodestream_scene::asset::MAX_MATERIALS;
 ///
 /// # Errors
 /// Whatever makes the geometry unusable, with the line; see [`ImportError`].
-pub(super) fn import(path: &Path) -> Result<Imported, ImportError> {
+pub(super) fn import(path: &Path) -> Result<Unshaded, ImportError> {
     let bytes = read_file(path, MAX_FILE_BYTES)?;
     let parsed = parse(path, &bytes)?;
     let mut warnings = Vec::new();
@@ -62,8 +63,8 @@ pub(super) fn import(path: &Path) -> Result<Imported, ImportError> {
     }
     let materials = materials(path, &parsed.material_names, &library, &mut warnings);
     let materials = tiles.split(path, materials, &mut warnings);
-    let mesh = build(&parsed, &tiles);
-    Ok(Imported { mesh, materials, warnings })
+    let (mesh, shading) = build(&parsed, &tiles);
+    Ok(Unshaded { mesh, materials, shading, warnings })
 }
 
 /// The files that are read beside an OBJ file of the given content: MTL files, then textures, each
@@ -149,8 +150,8 @@ fn materials(
 }
 
 /// Welds the values that faces use, in the order of the faces, and triangulates.
-fn build(parsed: &Parsed, tiles: &Tiles<'_>) -> SourceMesh {
-    let mut weld = Weld::default();
+fn build(parsed: &Parsed, tiles: &Tiles<'_>) -> (SourceMesh, ShadingRuns) {
+    let (mut weld, mut shading) = (Weld::default(), ShadingRuns::default());
     let mut corners: &[[u32; 3]] = &parsed.corners;
     let mut polygon: Vec<Corner> = Vec::new();
     let mut points: Vec<[f64; 3]> = Vec::new();
@@ -181,6 +182,7 @@ fn build(parsed: &Parsed, tiles: &Tiles<'_>) -> SourceMesh {
             weld.mesh.faces.push(triangle.map(|i| polygon[i]));
             weld.mesh.materials.push(material);
         }
+        shading.push(weld.mesh.faces.len(), if has_normal { FaceShading::Given } else { face.shading });
     }
-    weld.mesh
+    (weld.mesh, shading)
 }

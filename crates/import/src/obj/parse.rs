@@ -10,6 +10,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use crate::error::ImportError;
+use crate::shading::FaceShading;
 
 /// Most elements of one kind: indices and counts must fit `u32`, with room for a "none" mark.
 const MAX_ELEMENTS: usize = u32::MAX as usize - 1;
@@ -40,6 +41,8 @@ pub(super) struct Face {
     pub(super) corners: usize,
     /// Index into [`Parsed::material_names`].
     pub(super) material: usize,
+    /// Shading by the last `s` line, where corners have no normals.
+    pub(super) shading: FaceShading,
 }
 
 /// Lines of the file with their numbers: comments and continuations (`\` at the end) resolved.
@@ -110,6 +113,7 @@ struct Reader<'a> {
     out: Parsed,
     materials: BTreeMap<String, usize>,
     material: Option<String>,
+    shading: FaceShading,
     lines: usize,
     unknown: usize,
 }
@@ -122,6 +126,7 @@ impl<'a> Reader<'a> {
             out: Parsed::default(),
             materials: BTreeMap::new(),
             material: None,
+            shading: FaceShading::Creased,
             lines: 0,
             unknown: 0,
         }
@@ -152,7 +157,11 @@ impl<'a> Reader<'a> {
                 self.material = Some(rest.trim().to_owned());
                 Ok(())
             }
-            "o" | "g" | "s" | "mg" | "mtllib" | "usemap" | "maplib" | "vp" | "lod" | "bevel" | "c_interp"
+            "s" => {
+                self.shading = smoothing(values());
+                Ok(())
+            }
+            "o" | "g" | "mg" | "mtllib" | "usemap" | "maplib" | "vp" | "lod" | "bevel" | "c_interp"
             | "d_interp" | "shadow_obj" | "trace_obj" | "cstype" | "deg" | "bmat" | "step" | "curv"
             | "curv2" | "surf" | "parm" | "trim" | "hole" | "scrv" | "sp" | "end" | "con" | "call"
             | "csh" => Ok(()),
@@ -320,7 +329,7 @@ impl<'a> Reader<'a> {
                 index
             }
         };
-        self.out.faces.push(Face { corners, material });
+        self.out.faces.push(Face { corners, material, shading: self.shading });
         Ok(())
     }
 
@@ -338,6 +347,18 @@ impl<'a> Reader<'a> {
             format!("{} vertices", self.seen()[0])
         };
         Err(ImportError::NoFaces { path: self.path.to_owned(), found })
+    }
+}
+
+/// The shading of an `s` line: a group's number, or `off`. Others say nothing.
+fn smoothing(text: &str) -> FaceShading {
+    let word = text.split_whitespace().next().unwrap_or("");
+    match word.parse() {
+        Ok(0) => FaceShading::Flat,
+        Ok(group) => FaceShading::Group(group),
+        Err(_) if word.eq_ignore_ascii_case("off") => FaceShading::Flat,
+        Err(_) if word.eq_ignore_ascii_case("on") => FaceShading::Group(1),
+        Err(_) => FaceShading::Creased,
     }
 }
 

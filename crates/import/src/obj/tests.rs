@@ -7,7 +7,7 @@ use lodestream_scene::asset::Wrap;
 use tempfile::TempDir;
 
 use super::*;
-use crate::model::ImageSource;
+use crate::model::{ImageSource, Imported};
 use crate::srgb::srgb_to_linear;
 
 const SET: &str = "newmtl skin\nmap_Kd -bm 1 maps/skin.<UDIM>.png\nmap_Pm metal.<UDIM>.png\nnorm bumps.png\n\
@@ -48,7 +48,7 @@ impl Model {
 
     fn read(&self, text: &str) -> Result<Imported, ImportError> {
         std::fs::write(self.path("a.obj"), text).unwrap();
-        import(&self.path("a.obj"))
+        crate::import(&self.path("a.obj"))
     }
 }
 

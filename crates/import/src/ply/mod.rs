@@ -16,7 +16,8 @@ use lodestream_geometry::mesh::{Corner, NONE};
 
 use crate::error::ImportError;
 use crate::file::{MAX_FILE_BYTES, check_file};
-use crate::model::{Imported, ImportedMaterial};
+use crate::model::ImportedMaterial;
+use crate::shading::{FaceShading, ShadingRuns, Unshaded};
 use crate::triangulate::triangulate;
 use crate::weld::Weld;
 use body::Body;
@@ -47,7 +48,7 @@ const ALPHA: usize = 9;
 const UV: usize = 10;
 
 /// Imports a PLY file.
-pub(super) fn import(path: &Path) -> Result<Imported, ImportError> {
+pub(super) fn import(path: &Path) -> Result<Unshaded, ImportError> {
     let length = check_file(path, MAX_FILE_BYTES)?;
     if length == 0 {
         return Err(ImportError::Empty { path: path.to_owned() });
@@ -291,8 +292,8 @@ impl MeshReader {
         Ok(())
     }
 
-    fn finish(self, path: &Path) -> Result<Imported, ImportError> {
-        let Self { positions, weld, left_out, clamped, skipped, mut warnings, .. } = self;
+    fn finish(self, path: &Path) -> Result<Unshaded, ImportError> {
+        let Self { positions, normals, weld, left_out, clamped, skipped, mut warnings, .. } = self;
         if weld.mesh.faces.is_empty() {
             let found = format!("{} vertices, {left_out} faces with fewer than 3 corners", positions.len());
             return Err(ImportError::NoFaces { path: path.to_owned(), found });
@@ -308,6 +309,8 @@ impl MeshReader {
         }
         let warnings = warnings.into_iter().map(|what| format!("{}: {what}", path.display())).collect();
         let material = ImportedMaterial::named("");
-        Ok(Imported { mesh: weld.mesh, materials: vec![material], warnings })
+        let shading = if normals.is_empty() { FaceShading::Creased } else { FaceShading::Given };
+        let shading = ShadingRuns::all(shading, weld.mesh.faces.len());
+        Ok(Unshaded { mesh: weld.mesh, materials: vec![material], shading, warnings })
     }
 }

@@ -41,11 +41,12 @@ impl<'a> Batch<'a> {
     }
 
     #[cfg(any(test, feature = "methods"))]
-    /// Parts that may be drawn as PN triangles, all or those in view. Transparent parts have a list per instance.
+    /// Parts that may be drawn as PN triangles, all or those in view: not those whose faces are flat. Transparent parts have a list per instance.
     pub(crate) fn listed(&self, in_view: bool) -> impl Iterator<Item = PatchListItem<'a>> {
         let instances = self.range();
         let draws = self.asset.draws().into_iter();
         let parts = draws.flat_map(|(vertices, parts)| parts.enumerate().map(move |part| (vertices, part)));
+        let parts = parts.filter(|(_, (_, part))| !part.material.features.flat);
         parts.map(move |(vertices, (number, part))| PatchListItem {
             vertices,
             indices: part.indices,

@@ -133,6 +133,8 @@ pub(crate) struct Features {
     pub(crate) emits: bool,
     /// A map with tiled levels.
     pub(crate) tiled: bool,
+    /// Faces have their own normals, so they are not curved.
+    pub(crate) flat: bool,
 }
 
 impl Features {
@@ -150,6 +152,7 @@ impl Features {
             blend: material.alpha == Alpha::Blend,
             emits: material.emits(),
             tiled: false,
+            flat: material.flat,
         }
     }
 }

@@ -26,9 +26,9 @@ struct MaterialUniform {
     cutoff: f32,
     relief_depth: f32,
     unlit: u32,
+    flat_faces: u32,
     /// Wrap modes as indices of [`WRAPS`]: of u, and of v from bit 8.
     wrap: u32,
-    padding: u32,
     /// Tiled maps: colour, surface, normal and emission.
     tiled: [TiledMap; 4],
 }
@@ -201,8 +201,8 @@ impl MaterialBindings {
             cutoff,
             relief_depth: if relief { material.relief_depth.min(1.0) } else { 0.0 },
             unlit: u32::from(material.unlit),
+            flat_faces: u32::from(material.flat),
             wrap: wrap[0] as u32 | (wrap[1] as u32) << 8,
-            padding: 0,
             tiled,
         };
         // Acceleration textures assume a repeating map.

@@ -24,6 +24,7 @@ struct Material {
     cutoff: f32, // of opacity
     relief_depth: f32, // units of texture coordinates
     unlit: u32,
+    flat_faces: u32,
     wrap: u32, // of u, and of v from bit 8 on: 0 repeat, 1 clamp, 2 mirror
     tiled: array<TiledMap, 4>, // colour, surface, normal, emission
 }
@@ -108,6 +109,16 @@ fn tinted(colour: vec3<f32>, tint: u32) -> vec3<f32> {
     return mix(colour, linear_from_srgb(unpack4x8unorm(tint).rgb), f32(tint >> 24u) / 127.0);
 }
 
+// The unit normal of a surface from its screen-space derivatives, towards the eye; zero where they span nothing.
+fn face_normal(dp_dx: vec3<f32>, dp_dy: vec3<f32>, view: vec3<f32>) -> vec3<f32> {
+    // Scaled first: products of small derivatives would vanish.
+    let scale = max(max(length(dp_dx), length(dp_dy)), 1e-30);
+    let across = cross(dp_dx / scale, dp_dy / scale);
+    let size = length(across);
+    let normal = select(vec3(0.0), across / size, size > 1e-12);
+    return select(normal, -normal, dot(normal, view) > 0.0);
+}
+
 // All of a surface at a fragment. In uniform control flow, for derivatives.
 fn shaded(s: Surface, front: bool) -> Shaded {
     let dp_dx = dpdx(s.position);
@@ -120,6 +131,9 @@ fn shaded(s: Surface, front: bool) -> Shaded {
     // Both sides are drawn; on a back face the normal is flipped. A vertex without a usable normal
     // (isolated or degenerate star) faces the eye.
     var normal = select(-s.normal, s.normal, front);
+    if (material.flat_faces == 1u) {
+        normal = face_normal(dp_dx, dp_dy, view);
+    }
     let normal_length = length(normal);
     normal = select(-view, normal / normal_length, normal_length > 1e-6);
 
@@ -199,8 +213,13 @@ fn fs_emission(s: Surface) -> @location(0) vec4<f32> {
 // surface.
 @fragment
 fn fs_sunken(s: Surface, @builtin(front_facing) front: bool) -> @builtin(frag_depth) f32 {
-    let normal = normalize(select(-s.normal, s.normal, front));
-    let along = gradients(normal, dpdx(s.position), dpdy(s.position), dpdx(s.uv), dpdy(s.uv));
+    let dp_dx = dpdx(s.position);
+    let dp_dy = dpdy(s.position);
+    var normal = normalize(select(-s.normal, s.normal, front));
+    if (material.flat_faces == 1u) {
+        normal = face_normal(dp_dx, dp_dy, s.position);
+    }
+    let along = gradients(normal, dp_dx, dp_dy, dpdx(s.uv), dpdy(s.uv));
     if (MASK && material.base_colour.a * s.colour.a * map_opacity(s.uv) < material.cutoff) {
         discard;
     }

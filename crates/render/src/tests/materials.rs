@@ -9,8 +9,8 @@ use crate::cpu_reference::brdf::{Reflector, from_octahedral, from_sky};
 use crate::cpu_reference::depth::view_ray;
 use crate::frame::graph::Resource;
 use crate::{
-    Alpha, AntiAliasing, AssetGpu, Drawable, Environment, Frame, GradientSky, Headless, Material, PassId,
-    Placement, Pose, Settings, Sky, TextureData, TextureKind, TextureShape, Wrap,
+    Alpha, AntiAliasing, AssetGpu, DebugView, Drawable, Environment, Frame, GradientSky, Headless, Material,
+    PackedVertex, PassId, Placement, Pose, Settings, Sky, TextureData, TextureKind, TextureShape, Wrap,
 };
 
 /// A target in 16-bit floating point, four numbers per pixel.
@@ -450,4 +450,60 @@ fn a_row_of_materials_for_looking_at() {
     let counters = h.frame(&Frame::new(camera, &drawables)).unwrap();
     keep(&h, "materials");
     assert!(counters.passes.contains(&PassId::Emission) && counters.passes.contains(&PassId::Transparency));
+}
+
+/// The faces of a mesh apart, with their own normals.
+fn faceted(mesh: &Mesh) -> Mesh {
+    let corners = mesh.1.iter().flat_map(|face| {
+        let places = face.map(|slot| Vec3::from(mesh.0[slot as usize].position));
+        let normal = (places[1] - places[0]).cross(places[2] - places[0]).normalize_or_zero();
+        places.map(|place| PackedVertex::new(place.to_array(), normal.to_array(), [0.0; 2]))
+    });
+    let corners: Vec<_> = corners.collect();
+    let faces = (0..mesh.1.len() as u32).map(|face| [0, 1, 2].map(|corner| 3 * face + corner)).collect();
+    (corners, faces)
+}
+
+#[test]
+fn flat_materials_have_the_normals_of_their_faces() {
+    let Some(mut h) = headless(96, 96) else { return };
+    let ball = sphere(6);
+    let apart = faceted(&ball);
+    for alpha in [Alpha::Opaque, Alpha::Mask(0.5), Alpha::Blend] {
+        let material = Material { alpha, ..Material::default() };
+        let flat = asset(&h, &ball, Material { flat: true, ..material.clone() });
+        let smooth = asset(&h, &ball, material.clone());
+        let wanted = asset(&h, &apart, material);
+        // From near and far, turned, and from within.
+        let turned = Placement { rotation: [0.2, 0.5, -0.1, 0.8333], ..at(0.0, 0.0, 0.0, 1.0) };
+        let views = [
+            (1.3, at(0.0, 0.0, 0.0, 1.0)),
+            (1.3, turned),
+            (1.3e-3, at(0.0, 0.0, 0.0, 1e-3)),
+            (1.3e4, at(0.0, 0.0, 0.0, 1e4)),
+            (0.1, at(0.0, 0.0, 0.0, 1.0)),
+        ];
+        for (distance, placement) in views {
+            let eye = DVec3::new(0.3, 0.4, 0.85) * distance;
+            let mut shown = |asset: &AssetGpu| {
+                let drawables = [Drawable { asset, instances: &[placement] }];
+                let view = if alpha == Alpha::Blend { DebugView::Material } else { DebugView::Normal };
+                let frame = Frame {
+                    environment: of_light(2.0, 0.3),
+                    settings: Settings { debug_view: view, ..bare() },
+                    ..Frame::new(Pose::look_at(eye, DVec3::ZERO, DVec3::Y, 0.9), &drawables)
+                };
+                h.frame(&frame).unwrap();
+                h.picture().unwrap()
+            };
+            let [flat, smooth, wanted] = [&flat, &smooth, &wanted].map(&mut shown);
+            let differ = |a: &image::RgbaImage, b: &image::RgbaImage| {
+                let far =
+                    |(a, b): (&image::Rgba<u8>, &image::Rgba<u8>)| (0..3).any(|c| a[c].abs_diff(b[c]) > 3);
+                a.pixels().zip(b.pixels()).filter(|pair| far(*pair)).count()
+            };
+            assert!(differ(&flat, &wanted) < 10, "{alpha:?} {distance}: {}", differ(&flat, &wanted));
+            assert!(differ(&smooth, &wanted) > 1000, "{alpha:?} {distance}: {}", differ(&smooth, &wanted));
+        }
+    }
 }

@@ -135,6 +135,21 @@ fn cast(triangles: &[[(DVec3, DVec3); 3]], origin: DVec3, ray: DVec3) -> Option<
 }
 
 #[test]
+fn flat_materials_are_not_curved() {
+    let Some(mut h) = headless(64, 64) else { return };
+    let ball = icosphere(1);
+    let camera = Pose::look_at(DVec3::new(0.0, 0.0, 2.0), DVec3::ZERO, DVec3::Y, 0.6);
+    let mut shown = |flat: bool, settings: Settings| {
+        let ball = asset(&h, &ball, Material { flat, ..Material::default() });
+        let drawables = [Drawable { asset: &ball, instances: &[at(0.0, 0.0, 0.0, 1.0)] }];
+        h.frame(&Frame { settings, ..Frame::new(camera, &drawables) }).unwrap();
+        h.picture().unwrap()
+    };
+    assert_eq!(shown(true, curved(0.1)), shown(true, Settings::default()));
+    assert_ne!(shown(false, curved(0.1)), shown(false, Settings::default()));
+}
+
+#[test]
 fn patches_match_their_cpu_reference() {
     let (width, height) = (96, 72);
     let Some(mut h) = headless(width, height) else { return };

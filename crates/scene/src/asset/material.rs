@@ -29,6 +29,8 @@ pub struct Material {
     pub alpha: Alpha,
     /// Whether the base colour is drawn without lighting and without emission (`KHR_materials_unlit`).
     pub unlit: bool,
+    /// Whether faces are shaded by their own normals, those of their corners ignored.
+    pub flat: bool,
     /// How maps continue beyond 0..=1, along u and along v.
     pub wrap: [Wrap; 2],
     /// Index of the colour texture.
@@ -82,6 +84,7 @@ impl Default for Material {
             emission: [0.0; 3],
             alpha: Alpha::Opaque,
             unlit: false,
+            flat: false,
             wrap: [Wrap::Repeat; 2],
             base_color_texture: None,
             surface_texture: None,
@@ -149,7 +152,7 @@ mod more {
     /// Two bits each: 0 repeat, 1 clamp, 2 mirror.
     pub(super) const WRAP_U: u8 = 8;
     pub(super) const WRAP_V: u8 = 32;
-    pub(super) const KNOWN: u8 = 127;
+    pub(super) const FLAT: u8 = 128;
 }
 
 fn wrap_bits(wrap: Wrap) -> u8 {
@@ -178,7 +181,8 @@ impl Material {
         };
         let [u, v] = self.wrap.map(wrap_bits);
         let unlit = if self.unlit { more::UNLIT } else { 0 };
-        alpha | unlit | (u * more::WRAP_U) | (v * more::WRAP_V)
+        let flat = if self.flat { more::FLAT } else { 0 };
+        alpha | unlit | flat | (u * more::WRAP_U) | (v * more::WRAP_V)
     }
 
     fn first_byte(&self) -> u8 {
@@ -273,10 +277,11 @@ impl Decode for Material {
         }
         if is(has::MORE) {
             let second = u8::decode(reader)?;
-            if second & !more::KNOWN != 0 || second & (more::MASK | more::BLEND) == more::MASK | more::BLEND {
+            if second & (more::MASK | more::BLEND) == more::MASK | more::BLEND {
                 return Err(CodingError::value("unknown material flags"));
             }
             this.unlit = second & more::UNLIT != 0;
+            this.flat = second & more::FLAT != 0;
             this.wrap = [wrap_of(second / more::WRAP_U)?, wrap_of(second / more::WRAP_V)?];
             if second & more::MASK != 0 {
                 this.alpha = Alpha::Mask(from_u8(u8::decode(reader)?));

@@ -342,6 +342,7 @@ mod tests {
             emission: [12.5, 0.0, 1e-6],
             alpha: Alpha::Mask(0.6),
             unlit: true,
+            flat: true,
             wrap: [Wrap::Mirror, Wrap::Clamp],
             surface_texture: Some(1),
             normal_texture: Some(1),
@@ -353,11 +354,12 @@ mod tests {
 
     #[test]
     fn all_material_fields_round_trip() {
-        let fields: [fn(&mut Material); 10] = [
+        let fields: [fn(&mut Material); 11] = [
             |m| m.metallic = 0.0,
             |m| m.emission = [0.0; 3],
             |m| m.alpha = Alpha::Blend,
             |m| m.unlit = false,
+            |m| m.flat = false,
             |m| m.wrap = [Wrap::Repeat, Wrap::Mirror],
             |m| m.surface_texture = None,
             |m| (m.normal_texture, m.normal_scale) = (None, 1.0),
@@ -407,7 +409,7 @@ mod tests {
             AssetDescription::decode(&bytes)
         };
         assert!(with(0, &[]).is_ok() && with(4, &[9]).is_ok() && with(128, &[2]).is_ok());
-        for (first, last) in [(4, 0), (128, 0), (128, 3), (128, 24), (128, 130)] {
+        for (first, last) in [(4, 0), (128, 0), (128, 3), (128, 24), (128, 131)] {
             assert!(with(first, &[last]).is_err(), "{first} {last}");
         }
     }

@@ -62,7 +62,7 @@ fn the_importer_reads_every_part_without_a_warning() {
         let path = dir.path().join(name);
         let contents = gltf::contents(&path, None).unwrap();
         placed += contents.placed.len();
-        let imported = lodestream_import::import_part(&path, &ImportedPart::Whole).unwrap();
+        let imported = lodestream_import::import(&path).unwrap();
         assert_eq!(imported.warnings, Vec::<String>::new(), "{name}");
         faces += imported.mesh.faces.len();
         let described = lodestream_bake::prepare::describe::describe(

@@ -90,8 +90,8 @@ pub struct Assessment {
 /// # Errors
 /// If the file cannot be imported or prepared.
 pub fn assess(path: &Path, options: &Options) -> anyhow::Result<Assessment> {
-    let mut imported =
-        lodestream_import::import(path).with_context(|| format!("cannot import {}", path.display()))?;
+    let mut imported = lodestream_import::import_smooth(path)
+        .with_context(|| format!("cannot import {}", path.display()))?;
     if options.positions_only {
         let corners = imported.mesh.faces.iter_mut().flatten();
         corners.for_each(|c| *c = Corner { uv: NONE, normal: NONE, color: NONE, ..*c });

@@ -13,7 +13,7 @@ use super::Surface;
 /// # Errors
 /// See [`ImportError`].
 pub fn read_obj(path: &Path) -> Result<Surface, ImportError> {
-    Ok(Surface::from(&lodestream_import::import(path)?.mesh))
+    Ok(Surface::from(&lodestream_import::import_smooth(path)?.mesh))
 }
 
 /// Two models with attributes. Materials of the same name get the same number in both.
@@ -21,7 +21,7 @@ pub fn read_obj(path: &Path) -> Result<Surface, ImportError> {
 /// # Errors
 /// See [`ImportError`].
 pub fn read_models(a: &Path, b: &Path) -> Result<[SourceMesh; 2], ImportError> {
-    let (first, mut second) = (lodestream_import::import(a)?, lodestream_import::import(b)?);
+    let (first, mut second) = (lodestream_import::import_smooth(a)?, lodestream_import::import_smooth(b)?);
     let number: Vec<u16> = second
         .materials
         .iter()

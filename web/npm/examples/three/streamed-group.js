@@ -175,6 +175,7 @@ function materialOf(material, infos, textures) {
   const surface = texture(material.surfaceTexture);
   return new THREE.MeshStandardMaterial({
     ...common,
+    flatShading: material.flat,
     roughness: material.roughness,
     metalness: material.metallic,
     emissive: new THREE.Color(...material.emission),

@@ -15,7 +15,7 @@ use tempfile::TempDir;
 use super::{Model, USHORT, contents, places, write};
 use crate::gltf::{Contents, CopyTolerance, Document};
 use crate::meshopt::tests::Random;
-use crate::{Content, Part, import, import_part};
+use crate::{Content, CreaseAngle, Part, import, import_part};
 
 const TOLERANCE: CopyTolerance = CopyTolerance::Share(1.0 / 65_536.0);
 
@@ -96,7 +96,7 @@ fn turned_enlarged_and_mirrored_copies_become_instances_where_they_were() {
     let expected = places(&import(&path).unwrap());
     for (i, placed) in found.placed.iter().enumerate() {
         assert_eq!(placed.mesh, i);
-        let part = places(&import_part(&path, &placed.part).unwrap());
+        let part = places(&import_part(&path, &placed.part, CreaseAngle::default()).unwrap());
         // The tolerance, of bounds that are 4 wide before they are enlarged and turned.
         let limit = 4.0 * (1.0 + 0.7 * i as f64) * 3.0_f64.sqrt() / 65_536.0;
         for (face, expected) in part.iter().zip(&expected[i * 38..]) {
