@@ -5,6 +5,7 @@
 //! MTL files are parsed by the crate `tobj`, behind a pass of our own that drops lines on which tobj 4 fails or panics,
 //! with a warning. OBJ files are parsed here (`obj/parse.rs` says why).
 
+mod beside;
 mod content;
 mod error;
 #[cfg(test)]
@@ -22,6 +23,7 @@ pub mod srgb;
 pub mod terrain;
 #[cfg(test)]
 mod tests;
+mod text;
 pub mod texture;
 mod triangulate;
 mod weld;
