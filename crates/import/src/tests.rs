@@ -344,6 +344,19 @@ fn files_that_are_not_where_they_are_said_to_be_are_found_beside_the_model_by_na
     assert_eq!(files, ["Paint.MTL", "wood.PNG", "no.png", "STONE.jpg"].map(|name| dir.path().join(name)));
 }
 
+#[test]
+fn several_material_files_of_one_line_are_all_read() {
+    let dir = TempDir::new().unwrap();
+    write(&dir, "a.mtl", "newmtl a\nKd 1 0 0\n");
+    write(&dir, "b.mtl", "newmtl b\nKd 1 0 0\n");
+    for line in ["a.mtl b.mtl", "a.mtl lost/b.mtl", "lost/A.MTL lost\\b.mtl"] {
+        let faces = "usemtl a\nf 1 2 3\nusemtl b\nf 1 2 3\n";
+        let path = write(&dir, "a.obj", format!("mtllib {line}\n{TRIANGLE}{faces}"));
+        let Imported { materials, warnings, .. } = import(&path).unwrap();
+        assert_eq!((materials.len(), warnings.len()), (2, 0), "{line}: {warnings:?}");
+    }
+}
+
 /// Elements after white space that only Unicode defines must be read, not only counted.
 #[test]
 fn elements_after_unicode_spaces_are_read() {

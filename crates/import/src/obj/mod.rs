@@ -131,10 +131,14 @@ fn libraries(path: &Path, bytes: &[u8], beside: &Beside, warnings: &mut Vec<Stri
             continue;
         };
         // The rest of the line is one name with blanks, or several names.
+        let words = || names.split_whitespace();
+        let is_there = |name: &str| mtl::locate(beside, beside, name).is_ok_and(|path| path.exists());
+        let several =
+            words().count() > 1 && words().all(is_there) && !beside.folder().join(names.trim()).exists();
         let named = match located(names) {
-            Some(whole) if whole.exists() => vec![whole],
-            None if names.split_whitespace().count() == 1 => Vec::new(),
-            _ => names.split_whitespace().filter_map(&mut located).collect(),
+            Some(whole) if whole.exists() && !several => vec![whole],
+            None if words().count() == 1 => Vec::new(),
+            _ => words().filter_map(&mut located).collect(),
         };
         for file in named {
             if !files.contains(&file) {
