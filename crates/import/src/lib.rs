@@ -1,4 +1,4 @@
-//! Importers: model files (OBJ with MTL, glTF 2.0 and GLB, PLY) to a
+//! Importers: model files (OBJ with MTL, glTF 2.0 and GLB, PLY, STL) to a
 //! [`SourceMesh`](lodestream_geometry::mesh::SourceMesh) and materials, image files to mip levels, terrain features and
 //! height maps.
 //!
@@ -20,6 +20,7 @@ mod obj;
 mod ply;
 pub mod setting;
 pub mod srgb;
+mod stl;
 pub mod terrain;
 #[cfg(test)]
 mod tests;
@@ -30,7 +31,7 @@ mod weld;
 
 pub use content::Content;
 pub use error::ImportError;
-pub use file::{MAX_FILE_BYTES, is_gltf, is_ply, read_file};
+pub use file::{MAX_FILE_BYTES, is_gltf, is_ply, is_stl, is_streamed, read_file};
 pub use import::{dependencies, import, import_part};
 pub use model::{
     BatchMember, Channel, Component, HeightMap, ImageSource, Imported, ImportedMaterial, MaterialMaps, Part,
