@@ -14,7 +14,7 @@ use crate::error::ImportError;
 /// Most elements of one kind: indices and counts must fit `u32`, with room for a "none" mark.
 const MAX_ELEMENTS: usize = u32::MAX as usize - 1;
 
-/// Bad faces are left out unless they are more than one in this many.
+/// Bad faces are left out unless they are more than one in this many, rounded up: one is left out of a small file too.
 const MAX_BAD_SHARE: usize = 10;
 
 /// The values and faces of an OBJ file.
@@ -448,8 +448,9 @@ impl<'a> Reader<'a> {
 
     fn finish(mut self) -> Result<Parsed, ImportError> {
         self.drop_unusable();
-        let all = self.out.faces.len() + self.out.bad_faces;
-        if self.out.bad_faces > all / MAX_BAD_SHARE
+        let good = self.out.faces.len();
+        let is_bad = self.out.bad_faces > (good + self.out.bad_faces).div_ceil(MAX_BAD_SHARE);
+        if (is_bad || good == 0)
             && let Some(error) = self.out.first_bad.take()
         {
             return Err(error);

@@ -3,6 +3,7 @@
 //! Corners at one place become one vertex. The normals of the file are not read: they follow from the winding, which
 //! programs keep more reliably. Several solids are merged. The file is streamed.
 
+mod facets;
 #[cfg(test)]
 mod tests;
 mod text;
@@ -11,12 +12,10 @@ use std::fs::File;
 use std::io::{BufRead, BufReader};
 use std::path::Path;
 
-use lodestream_geometry::mesh::{Corner, NONE};
-
 use crate::error::ImportError;
 use crate::file::{MAX_FILE_BYTES, check_file};
-use crate::model::{Imported, ImportedMaterial};
-use crate::weld::Weld;
+use crate::model::Imported;
+use facets::Facets;
 
 /// Size of the read buffer, of which the first part tells text from binary.
 const BUFFER_BYTES: usize = 1 << 16;
@@ -24,8 +23,6 @@ const BUFFER_BYTES: usize = 1 << 16;
 const HEAD_BYTES: u64 = 84;
 /// A facet of a binary file: a normal and three corners in f32, and two bytes that some programs colour it by.
 const FACET_BYTES: usize = 50;
-/// Bad facets are left out unless they are more than one in this many.
-const MAX_BAD_SHARE: u64 = 10;
 
 /// Imports an STL file.
 ///
@@ -99,55 +96,4 @@ fn binary(mut reader: impl BufRead, length: u64, facets: &mut Facets<'_>) -> Res
         });
     }
     Ok(())
-}
-
-/// The facets read so far.
-struct Facets<'a> {
-    path: &'a Path,
-    weld: Weld,
-    bad: u64,
-    first_bad: String,
-    warnings: Vec<String>,
-}
-
-impl<'a> Facets<'a> {
-    fn new(path: &'a Path) -> Self {
-        let (weld, first_bad, warnings) = Default::default();
-        Self { path, weld, bad: 0, first_bad, warnings }
-    }
-
-    /// Adds a facet, or counts it as bad; `what` says why for the first.
-    fn add(&mut self, corners: [[f64; 3]; 3], what: impl FnOnce() -> String) {
-        if !corners.iter().flatten().all(|x| x.abs() <= f64::from(f32::MAX)) {
-            return self.add_bad(what);
-        }
-        let corner =
-            |place| Corner { position: self.weld.position(place), uv: NONE, normal: NONE, color: NONE };
-        let face = corners.map(corner);
-        self.weld.mesh.faces.push(face);
-        self.weld.mesh.materials.push(0);
-    }
-
-    fn add_bad(&mut self, what: impl FnOnce() -> String) {
-        if self.bad == 0 {
-            self.first_bad = what();
-        }
-        self.bad += 1;
-    }
-
-    fn finish(mut self) -> Result<Imported, ImportError> {
-        let faces = self.weld.mesh.faces.len() as u64;
-        if self.bad > (faces + self.bad) / MAX_BAD_SHARE {
-            return Err(ImportError::stl(self.path, self.first_bad));
-        }
-        if faces == 0 {
-            return Err(ImportError::NoFaces { path: self.path.to_owned(), found: "no facets".to_owned() });
-        }
-        if self.bad > 0 {
-            self.warnings.push(format!("{}; {} such facets were left out", self.first_bad, self.bad));
-        }
-        let warnings = self.warnings.iter().map(|what| format!("{}: {what}", self.path.display()));
-        let warnings = warnings.collect();
-        Ok(Imported { mesh: self.weld.mesh, materials: vec![ImportedMaterial::named("")], warnings })
-    }
 }

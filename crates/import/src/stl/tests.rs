@@ -106,6 +106,7 @@ fn a_few_bad_facets_are_left_out_and_many_are_an_error() {
         assert!(warning.contains("1 such facets were left out"), "{warning}");
     }
     bad[4][0][0] = f32::INFINITY;
+    bad[5][2][1] = f32::NEG_INFINITY;
     let why = read(binary("", 12, &bad)).unwrap_err().to_string();
     assert!(why.contains("a.STL: facet 3 has a corner"), "{why}");
     let why = read(text(&bad)).unwrap_err().to_string();

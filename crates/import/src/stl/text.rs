@@ -2,7 +2,7 @@
 
 use std::io::{BufRead, Read as _};
 
-use super::Facets;
+use super::facets::Facets;
 use crate::error::ImportError;
 
 /// Longest line, in bytes.
