@@ -10,7 +10,7 @@
 //! | [`compose`] | composition of a scene description from prepared models |
 //! | [`mapping_allocator`] | an allocator that maps large lists to files, for models larger than memory |
 //! | [`compare`], [`inspect`], [`export_obj`] | comparison of a pack with its model, statistics, export |
-//! | [`stderr`] | messages on standard error |
+//! | [`stderr`], [`warnings`] | messages on standard error |
 
 pub mod compare;
 pub mod compose;
@@ -23,3 +23,4 @@ pub mod proxies;
 pub mod scene;
 pub mod sources;
 pub mod stderr;
+pub mod warnings;

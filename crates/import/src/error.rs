@@ -14,13 +14,13 @@ pub enum ImportError {
         source: std::io::Error,
     },
     /// A folder, a device or a pipe.
-    #[error("{}: is not a regular file; give the path of an OBJ, glTF or PLY file", path.display())]
+    #[error("{}: is not a regular file; give the path of an OBJ, glTF, PLY or STL file", path.display())]
     NotAFile {
         /// The path.
         path: PathBuf,
     },
     /// The file has no bytes.
-    #[error("{}: is empty; give an OBJ, glTF or PLY file with faces", path.display())]
+    #[error("{}: is empty; give an OBJ, glTF, PLY or STL file with faces", path.display())]
     Empty {
         /// The file.
         path: PathBuf,
@@ -61,6 +61,14 @@ pub enum ImportError {
         /// The element or byte, what is wrong with it, and the remedy.
         what: String,
     },
+    /// An error in an STL file that belongs to no line.
+    #[error("{}: {what}", path.display())]
+    Stl {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it, and the remedy.
+        what: String,
+    },
     /// A model without faces.
     #[error("{}: has no faces ({found}); export it as a polygon mesh", path.display())]
     NoFaces {
@@ -88,6 +96,10 @@ impl ImportError {
 
     pub(super) fn ply(path: &Path, what: impl Into<String>) -> Self {
         Self::Ply { path: path.to_owned(), what: what.into() }
+    }
+
+    pub(super) fn stl(path: &Path, what: impl Into<String>) -> Self {
+        Self::Stl { path: path.to_owned(), what: what.into() }
     }
 
     pub(super) fn gltf(path: &Path, what: impl Into<String>) -> Self {

@@ -19,6 +19,18 @@ pub fn is_ply(path: &Path) -> bool {
     path.extension().is_some_and(|e| e.eq_ignore_ascii_case("ply"))
 }
 
+/// Whether a file's extension is STL's.
+#[must_use]
+pub fn is_stl(path: &Path) -> bool {
+    path.extension().is_some_and(|e| e.eq_ignore_ascii_case("stl"))
+}
+
+/// Whether a file is of a format that is read from beginning to end and never kept whole in memory: PLY and STL.
+#[must_use]
+pub fn is_streamed(path: &Path) -> bool {
+    is_ply(path) || is_stl(path)
+}
+
 /// Reads a whole regular file.
 ///
 /// # Errors

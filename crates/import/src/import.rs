@@ -3,10 +3,10 @@
 use std::path::{Path, PathBuf};
 
 use crate::error::ImportError;
-use crate::file::{is_gltf, is_ply};
+use crate::file::{is_gltf, is_ply, is_stl};
 use crate::model::{Imported, Part};
 use crate::shading::{CreaseAngle, Unshaded};
-use crate::{gltf, obj, ply};
+use crate::{gltf, obj, ply, stl};
 
 /// Imports a whole model file with the files that it names.
 ///
@@ -36,6 +36,7 @@ pub fn import_part(path: &Path, part: &Part, crease: CreaseAngle) -> Result<Impo
 fn read_part(path: &Path, part: &Part) -> Result<Unshaded, ImportError> {
     match part {
         Part::Whole if is_ply(path) => ply::import(path),
+        Part::Whole if is_stl(path) => stl::import(path),
         Part::Whole if !is_gltf(path) => obj::import(path),
         _ => gltf::import(path, part),
     }
@@ -46,8 +47,14 @@ fn read_part(path: &Path, part: &Part) -> Result<Unshaded, ImportError> {
 pub fn dependencies(path: &Path, bytes: &[u8]) -> Vec<PathBuf> {
     match path {
         _ if is_gltf(path) => gltf::dependencies(path, bytes),
+        _ if is_ply(path) => ply::dependencies(path, bytes),
         // It names no other files.
-        _ if is_ply(path) => Vec::new(),
+        _ if is_stl(path) => Vec::new(),
         _ => obj::dependencies(path, bytes),
     }
+}
+
+/// As [`dependencies`], of the file at a path, which is of a format that is streamed.
+pub(crate) fn streamed_dependencies(path: &Path) -> Vec<PathBuf> {
+    if is_ply(path) { ply::dependencies_of_file(path) } else { Vec::new() }
 }

@@ -7,7 +7,7 @@ use crate::content::Content;
 use crate::error::ImportError;
 use crate::file::is_gltf;
 use crate::gltf::{self, Contents, CopyTolerance, Document, PartSize};
-use crate::import::{dependencies, import_part};
+use crate::import::{dependencies, import_part, streamed_dependencies};
 use crate::model::{Imported, Part};
 use crate::shading::CreaseAngle;
 
@@ -40,10 +40,10 @@ impl ModelFile {
         Ok(Self { path: path.to_owned(), document: Some(document), dependencies })
     }
 
-    /// A model whose content is not known yet and which names no other files.
+    /// A model of a format that is streamed ([`is_streamed`](crate::is_streamed)), of which at most the header is read.
     #[must_use]
-    pub fn alone(path: &Path) -> Self {
-        Self { path: path.to_owned(), document: None, dependencies: Vec::new() }
+    pub fn streamed(path: &Path) -> Self {
+        Self { path: path.to_owned(), document: None, dependencies: streamed_dependencies(path) }
     }
 
     /// The files that it names, each once, whether they exist or not.

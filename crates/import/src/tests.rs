@@ -105,7 +105,8 @@ fn objects_groups_and_materials_merge() {
         assert_eq!(name == "red", z > 0.0 && x > 0.0);
     }
     let files = dependencies(&path, &std::fs::read(&path).unwrap());
-    assert_eq!(files, [dir.path().join("sub/m.mtl"), dir.path().join("sub/tex/red.png")]);
+    // The picture is missing, and would be found beside the model too.
+    assert_eq!(files, ["sub/m.mtl", "sub/tex/red.png", "red.png"].map(|name| dir.path().join(name)));
 }
 
 #[test]
@@ -140,8 +141,8 @@ fn models_cannot_name_files_outside_their_folder() {
     assert!(warnings.is_empty(), "{warnings:?}");
     assert_eq!(materials[0].maps.color, Some(dir.path().join("model/sub/../tex/red.png").into()));
     // Material files outside are not read either.
-    write(&dir, "m.mtl", "newmtl red\nKd 1 0 0\n");
-    let path = write(&dir, "model/a.obj", format!("mtllib ../m.mtl\n{TRIANGLE}usemtl red\nf 1 2 3\n"));
+    write(&dir, "other.mtl", "newmtl red\nKd 1 0 0\n");
+    let path = write(&dir, "model/a.obj", format!("mtllib ../other.mtl\n{TRIANGLE}usemtl red\nf 1 2 3\n"));
     let Imported { warnings, .. } = import(&path).unwrap();
     assert!(warnings.iter().any(|w| w.contains("not in the model's folder")), "{warnings:?}");
     assert!(dependencies(&path, &std::fs::read(&path).unwrap()).is_empty());
@@ -233,12 +234,11 @@ fn points_and_lines_alone_say_so() {
 
 #[test]
 fn nan_and_huge_values_name_their_line() {
-    refused(format!("{TRIANGLE}v 0 nan 0\nf 1 2 3\n"), &[":4: vertex", "nan", "finite"]);
-    refused(format!("{TRIANGLE}v 1e39 0 0\nf 1 2 3\n"), &[":4: vertex", "1e39"]);
-    refused(format!("{TRIANGLE}v 1 inf 0\nf 1 2 3\n"), &[":4: vertex", "inf"]);
-    refused(format!("{TRIANGLE}vt 0 -1e300\nf 1 2 3\n"), &[":4: texture coordinate", "-1e300"]);
-    refused(format!("{TRIANGLE}vn 0 0 NaN\nf 1 2 3\n"), &[":4: normal", "NaN"]);
-    refused(format!("{TRIANGLE}v 1 1 1 0\nf 1 2 3\n"), &[":4: vertex divided by its weight"]);
+    refused(format!("{TRIANGLE}v 0 nan 0\nf 1 2 4\n"), &[":4: vertex", "nan", "finite"]);
+    refused(format!("{TRIANGLE}v 1e39 0 0\nf 1 2 4\n"), &[":4: vertex", "1e39"]);
+    refused(format!("{TRIANGLE}v 1 inf 0\nf 1 2 4\n"), &[":4: vertex", "inf"]);
+    refused(format!("{TRIANGLE}v 1 1 1 0\nf 1 2 4\n"), &[":4: vertex divided by its weight"]);
+    refused(format!("v 0 0 0\nv nan 0 0\n{TRIANGLE}v 0 0 inf\nf 3 4 6\n"), &[":7: face", "vertex 6"]);
     refused("v 1 2\nf 1 1 1\n", &[":1: vertex has 2 values"]);
     refused("v 1 2 x\nf 1 1 1\n", &[":1: vertex has \"x\""]);
 }
@@ -248,14 +248,120 @@ fn indices_out_of_range_name_their_line() {
     refused(format!("{TRIANGLE}f 1 2 4\n"), &[":4: face refers to vertex 4, but the file has 3"]);
     refused(format!("{TRIANGLE}f 1 2 0\n"), &[":4: face refers to vertex 0", "counts from 1"]);
     refused(format!("{TRIANGLE}f 1 2 -4\n"), &[":4: face refers to vertex -4", "only 3"]);
-    refused(format!("{TRIANGLE}vt 0 0\nf 1/1 2/2 3/1\n"), &[":5: face refers to texture coordinate 2"]);
-    // The next two must not wrap around.
-    refused(format!("{TRIANGLE}vt 0 0\nf 1/1 2/-2 3/1\n"), &[":5: face refers to texture coordinate -2"]);
-    refused(format!("{TRIANGLE}vt 0 0\nf 1/1 2/-9223372036854775808 3/1\n"), &[":5: face"]);
-    refused(format!("{TRIANGLE}vn 0 0 1\nf 1//1 2//1 3//7\n"), &[":5: face refers to normal 7"]);
+    // Must not wrap around.
+    refused(
+        format!("{TRIANGLE}f 1 2 -9223372036854775808\n"),
+        &[":4: face refers to vertex -9223372036854775808"],
+    );
+    refused(format!("{TRIANGLE}vt 0 0\nf 1/1 2/x 3/1\n"), &[":5: face has \"x\"", "texture coordinate"]);
     refused(format!("{TRIANGLE}f 1 2 99999999999999999999\n"), &[":4: face has \"99999999999999999999\""]);
     refused(format!("{TRIANGLE}f 1 2 a\n"), &[":4: face has \"a\""]);
     refused(format!("{TRIANGLE}f 1/1/1/1 2 3\n"), &[":4: face"]);
+}
+
+#[test]
+fn texture_coordinates_and_normals_that_do_not_exist_are_left_out_with_a_count() {
+    let uvs = "vt 0 0\nvt 1 0\nvt nan 1\n";
+    for bad in ["3/7", "3/-9", "3/0", "3/-9223372036854775808", "3/3"] {
+        let Imported { mesh, warnings, .. } =
+            read(&format!("{TRIANGLE}{uvs}f 1/1 2/2 {bad}\nf 1/1 2/1 3/2\n"));
+        let has: Vec<bool> = mesh.faces.iter().map(|face| face.iter().all(|c| c.uv != NONE)).collect();
+        assert_eq!(has, [false, true], "{bad}");
+        let [warning] = &warnings[..] else { panic!("{warnings:?}") };
+        assert!(warning.contains("1 faces name texture coordinates that do not exist"), "{warning}");
+    }
+    let Imported { mesh, warnings, .. } = read(&format!(
+        "{TRIANGLE}vn 1 0 0\nvn 0 0 inf\nf 1//1 2//1 3//7\nf 1//1 2//1 3//2\nf 1//1 2//1 3//1\n"
+    ));
+    // The file's normal, or that of the face.
+    let normals: Vec<_> = mesh.faces.iter().map(|face| mesh.normals[face[0].normal as usize]).collect();
+    assert_eq!(normals, [[0.0, 0.0, 1.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]);
+    assert!(warnings.len() == 1 && warnings[0].contains("2 faces name normals"), "{warnings:?}");
+}
+
+#[test]
+fn a_few_bad_faces_are_left_out_and_the_first_named_by_its_line() {
+    let good = "f 1 2 3\n".repeat(18);
+    for (bad, why) in [
+        ("f 1 2 9\nf x y z\n", ":4: face refers to vertex 9, but the file has 4"),
+        ("f 1 2/a 3\nf 1 2 4\n", ":4: face has \"a\""),
+        // A vertex further down.
+        ("f 1 2 4\nf 1/1/1/1 2 3\n", ":5: face corner"),
+    ] {
+        let Imported { mesh, warnings, .. } = read(&format!("{TRIANGLE}{bad}{good}v nan 0 0\n"));
+        assert_eq!(mesh.faces.len(), 18, "{bad}");
+        let [warning] = &warnings[..] else { panic!("{warnings:?}") };
+        assert!(warning.contains(why) && warning.ends_with("2 such faces were left out"), "{warning}");
+    }
+    // One of a few.
+    assert_eq!(read(&format!("{TRIANGLE}f 1 2 3\nf 1 2 9\n")).mesh.faces.len(), 1);
+    // More than a tenth, and all.
+    refused(
+        format!("{TRIANGLE}{good}f 1 2 9\nf 1 2 9\nf 1 2 9\nf x y z\n"),
+        &[":22: face refers to vertex 9"],
+    );
+    refused(format!("{TRIANGLE}f 1 2 9\n"), &[":4: face refers to vertex 9"]);
+}
+
+#[test]
+fn numbers_of_vertices_that_no_face_uses_do_not_matter() {
+    let Imported { mesh, warnings, .. } =
+        read(&format!("v nan nan nan\nv 1 inf 0\nv x\nv 1 2\n{TRIANGLE}vt nan 0\nvn 1 2\nf -3 -2 -1\n"));
+    assert_eq!((mesh.faces.len(), mesh.positions.len(), warnings.len()), (1, 3, 0), "{warnings:?}");
+    assert_eq!(mesh.positions[1], [1.0, 0.0, 0.0]);
+}
+
+#[test]
+fn utf_16_is_read_as_utf_8() {
+    let text = format!("mtllib m.mtl\n{TRIANGLE}usemtl Grün\nf 1 2 3\n");
+    let mtl = "newmtl Grün\nKd 0 1 0\nmap_Kd Grün.png\n";
+    let in_utf_16 = |text: &str, of: fn(u16) -> [u8; 2]| -> Vec<u8> {
+        ['\u{feff}'].into_iter().chain(text.chars()).collect::<String>().encode_utf16().flat_map(of).collect()
+    };
+    for of in [u16::to_le_bytes, u16::to_be_bytes] {
+        let dir = TempDir::new().unwrap();
+        write(&dir, "m.mtl", in_utf_16(mtl, of));
+        let path = write(&dir, "a.obj", in_utf_16(&text, of));
+        let Imported { mesh, materials, warnings } = import(&path).unwrap();
+        assert_eq!((mesh.faces.len(), warnings.len()), (1, 0), "{warnings:?}");
+        assert_eq!(materials[0].maps.color, Some(dir.path().join("Grün.png").into()));
+        let files = dependencies(&path, &std::fs::read(&path).unwrap());
+        assert_eq!(files, ["m.mtl", "Grün.png"].map(|name| dir.path().join(name)));
+    }
+}
+
+#[test]
+fn files_that_are_not_where_they_are_said_to_be_are_found_beside_the_model_by_name() {
+    let dir = TempDir::new().unwrap();
+    write(
+        &dir,
+        "Paint.MTL",
+        "newmtl a\nmap_Kd C:\\art\\Wood.png\nmap_Ke /home/x/stone.jpg\nKe 1 1 1\nmap_d no.png\n",
+    );
+    for name in ["wood.PNG", "Stone.JPG", "STONE.jpg"] {
+        write(&dir, name, name);
+    }
+    let path = write(&dir, "a.obj", format!("mtllib D:\\x\\paint.mtl\n{TRIANGLE}usemtl a\nf 1 2 3\n"));
+    let Imported { materials, warnings, .. } = import(&path).unwrap();
+    assert!(warnings.is_empty(), "{warnings:?}");
+    let maps = &materials[0].maps;
+    assert_eq!(maps.color, Some(dir.path().join("wood.PNG").into()));
+    assert_eq!(maps.emission, Some(dir.path().join("STONE.jpg").into()), "the first of two");
+    let files = dependencies(&path, &std::fs::read(&path).unwrap());
+    assert_eq!(files, ["Paint.MTL", "wood.PNG", "no.png", "STONE.jpg"].map(|name| dir.path().join(name)));
+}
+
+#[test]
+fn several_material_files_of_one_line_are_all_read() {
+    let dir = TempDir::new().unwrap();
+    write(&dir, "a.mtl", "newmtl a\nKd 1 0 0\n");
+    write(&dir, "b.mtl", "newmtl b\nKd 1 0 0\n");
+    for line in ["a.mtl b.mtl", "a.mtl lost/b.mtl", "lost/A.MTL lost\\b.mtl"] {
+        let faces = "usemtl a\nf 1 2 3\nusemtl b\nf 1 2 3\n";
+        let path = write(&dir, "a.obj", format!("mtllib {line}\n{TRIANGLE}{faces}"));
+        let Imported { materials, warnings, .. } = import(&path).unwrap();
+        assert_eq!((materials.len(), warnings.len()), (2, 0), "{line}: {warnings:?}");
+    }
 }
 
 /// Elements after white space that only Unicode defines must be read, not only counted.

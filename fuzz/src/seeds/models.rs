@@ -75,9 +75,53 @@ pub(super) fn scans() -> Vec<(String, Vec<u8>)> {
         seed("text", [text(faces), listed.into_bytes()].concat()),
         seed("strip", [text(strips), b"8 0 1 4 2 -1 3 0 4\n".to_vec()].concat()),
         seed("passed-over", [text(extra), b"9\n".to_vec(), areas.into_bytes()].concat()),
+        seed("textures", textured(vertices.clone())),
+        seed("stl-text", stl_text().into_bytes()),
+        seed("stl-binary", stl_binary()),
         seed("little-endian", binary("binary_little_endian", false)),
         seed("big-endian", binary("binary_big_endian", true)),
     ]
+}
+
+/// A square with textures of its faces, numbers that are too many, and comments among the elements.
+fn textured(vertices: String) -> Vec<u8> {
+    let head = "ply\nformat ascii 1.0\ncomment TextureFile a.png\ncomment TextureFile b\\c.png\nelement vertex 5\n\
+                property float x\nproperty float y\nproperty float z\nelement face 2\n\
+                property list uchar int vertex_indices\nproperty list uchar float texcoord\nproperty int texnumber\n\
+                end_header\n";
+    let faces = "# x\n3 0 1 2 6 0 0 1 0 1 1 1\ncomment x\n3 0 2 3 6 0 0 1 1 0 1 0 7 8\n";
+    [head, &vertices, faces].concat().into_bytes()
+}
+
+/// The corners of two triangles.
+const FACETS: [[[f32; 3]; 3]; 2] = [
+    [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.5]],
+    [[0.0, 0.0, 0.0], [1.0, 1.0, 0.5], [0.0, 1.0, 0.0]],
+];
+
+fn stl_text() -> String {
+    use std::fmt::Write as _;
+    let mut text = String::from("solid a\n");
+    for corners in FACETS {
+        text += "facet normal 0 0 1\nouter loop\n";
+        for [x, y, z] in corners {
+            let _ = writeln!(text, "vertex {x} {y} {z}");
+        }
+        text += "endloop\nendfacet\n";
+    }
+    text + "endsolid a\n"
+}
+
+fn stl_binary() -> Vec<u8> {
+    let mut out = b"solid".to_vec();
+    out.resize(80, 0);
+    out.extend((FACETS.len() as u32).to_le_bytes());
+    for corners in FACETS {
+        let values = [[0.0, 0.0, 1.0]].into_iter().chain(corners).flatten();
+        out.extend(values.flat_map(f32::to_le_bytes));
+        out.extend([0, 0]);
+    }
+    out
 }
 
 pub(super) fn models() -> Vec<(String, Vec<u8>)> {
@@ -110,6 +154,9 @@ const IMAGES: &str = r#""images":[{"uri":"a.png"},{"uri":"a.ktx2"},{"uri":"a.avi
 /// Nodes with lights of every kind, and the lights.
 const LIGHTS: &str = r#""extensionsRequired":["KHR_lights_punctual"],"extensions":{"KHR_lights_punctual":{"lights":[{"type":"point","color":[1,0.5,0],"intensity":40,"range":9},{"type":"spot","intensity":9,"spot":{"innerConeAngle":0.25,"outerConeAngle":0.5}},{"type":"directional"}]}},"nodes":[{"mesh":0,"children":[1,2,3]},{"translation":[1,2,3],"extensions":{"KHR_lights_punctual":{"light":0}}},{"scale":[2,-1,0.5],"extensions":{"KHR_lights_punctual":{"light":1}}},{"extensions":{"KHR_lights_punctual":{"light":2}}}]"#;
 
+/// Nodes with a skin and weights of morph targets.
+const SKIN: &str = r#""skins":[{"joints":[1,2]}],"nodes":[{"mesh":0,"skin":0,"weights":[0.5,0.25]},{"children":[2],"translation":[0,7,0]},{"scale":[1,-2,1]}]"#;
+
 pub(super) fn scenes() -> Vec<(String, Vec<u8>)> {
     // Four corners of a square, their uvs, six indices.
     let mut bin: Vec<u8> = Vec::new();
@@ -138,6 +185,7 @@ pub(super) fn scenes() -> Vec<(String, Vec<u8>)> {
         seed("data-uri.gltf", file(&data, 4, nested, "").into_bytes()),
         seed("materials.glb", glb(&file("", 4, one, r#","material":0"#).replace(r#""materials":[{"name":"m","#, MAPS), &bin)),
         seed("images.glb", glb(&file("", 4, one, r#","material":0"#).replace(r#""materials":[{"name":"m","#, IMAGES), &bin)),
+        seed("skin.glb", glb(&file("", 4, SKIN, r#","targets":[{"POSITION":0},{"POSITION":0,"NORMAL":0}]"#).replace(r#""TEXCOORD_0":1}"#, r#""TEXCOORD_0":1,"JOINTS_0":3,"WEIGHTS_0":3}"#).replace(r#""type":"SCALAR","count":6}]"#, r#""type":"SCALAR","count":6},{"bufferView":0,"componentType":5121,"type":"VEC4","count":4}]"#), &bin)),
         seed("lights.glb", glb(&file("", 4, LIGHTS, ""), &bin)),
         seed("sparse.glb", glb(&file("", 4, one, "").replace(r#","count":4,"min":[0,0,0]"#, r#","count":4,"sparse":{"count":1,"indices":{"bufferView":2,"componentType":5121},"values":{"bufferView":0}},"min":[0,0,0]"#), &bin)),
     ]

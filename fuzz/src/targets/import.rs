@@ -43,10 +43,10 @@ pub fn obj_import(data: &[u8]) -> bool {
 /// in the mesh, each in a vector with up to twice its length as capacity.
 const OBJ: Ceiling = Ceiling { base_bytes: 1 << 18, bytes_per_byte: 512, base_steps: 0, steps_per_byte: 0 };
 
-/// A PLY file.
+/// A PLY file, or an STL file if it does not begin as PLY does: the formats that are streamed.
 pub fn ply_import(data: &[u8]) -> bool {
     in_folder(|folder| {
-        let path = folder.join("a.ply");
+        let path = folder.join(if data.starts_with(b"ply") { "a.ply" } else { "a.stl" });
         std::fs::write(&path, data).expect("a file in the temporary folder");
         let Ok(imported) = within(PLY, data.len(), || lodestream_import::import(&path)) else { return false };
         consistent(&imported.mesh, imported.materials.len());
@@ -54,7 +54,7 @@ pub fn ply_import(data: &[u8]) -> bool {
     })
 }
 
-/// A buffer of 64 KiB; a face of one byte reserves 50 bytes, a vertex of three 60; a vertex of nine bytes with new
+/// A buffer of 64 KiB; a facet of STL of 50 bytes has three corners with values of their own; a face of one byte reserves 50 bytes, a vertex of three 60; a vertex of nine bytes with new
 /// values is also stored in the tables.
 const PLY: Ceiling = Ceiling { base_bytes: 1 << 18, bytes_per_byte: 256, base_steps: 0, steps_per_byte: 0 };
 

@@ -3,7 +3,7 @@
 use std::path::{Component, Path, PathBuf};
 
 use anyhow::{Context as _, bail};
-use lodestream_import::MAX_FILE_BYTES;
+use lodestream_import::{MAX_FILE_BYTES, ModelFile, is_streamed};
 
 use super::place::has_ending;
 use lodestream_store::{Objects, StoreError};
@@ -64,6 +64,9 @@ fn named_in(file: &Path) -> anyhow::Result<Vec<PathBuf>> {
         let features = table.get("terrain").and_then(|terrain| terrain.get("features"));
         let all = files.chain(features).filter_map(toml::Value::as_str);
         return Ok(all.map(|name| folder.join(name)).collect());
+    }
+    if is_streamed(file) {
+        return Ok(ModelFile::streamed(file).dependencies().to_vec());
     }
     if !has_ending(file, &["obj", "gltf", "glb"]) {
         return Ok(Vec::new());

@@ -19,6 +19,7 @@ use lodestream_bake::proxies;
 use lodestream_bake::scene;
 use lodestream_bake::sources::Sources;
 use lodestream_bake::stderr::write_line;
+use lodestream_bake::warnings::Warnings;
 use lodestream_daemon::{SceneProvider, SceneUpdate, Scenes};
 use lodestream_store::{BlobCache, SceneStore};
 
@@ -192,14 +193,15 @@ fn read_files(
     let sources = Sources::in_folder(folder);
     let scene = scene::of_files_in(words, &options.preparation_settings, &sources)?;
     files.extend(scene.files.iter().chain(scene.assets.iter().map(|asset| &asset.file)).cloned());
+    let mut warnings = Warnings::default();
     let prepared = prepare_all_of(&scene.assets, folder, options, &sources, |number, cached| {
         if let Some(report) = &cached.report {
-            for warning in &report.warnings {
-                write_line(format_args!("warning: {warning}"));
-            }
+            warnings.add(&scene.assets[number].file, &report.warnings);
             write_line(format_args!("{}: {report}", scene.assets[number].name));
         }
-    })?;
+    });
+    warnings.lines().for_each(|warning| write_line(format_args!("warning: {warning}")));
+    let prepared = prepared?;
     // Files that were kept for further packs.
     drop(sources);
     let mut packs = Vec::with_capacity(prepared.len());

@@ -10,7 +10,7 @@ use lodestream_store::{ObjectEntry, Objects};
 /// Extension of published scenes.
 pub(super) const PUBLISHED: &str = ".lss";
 /// Extensions of models.
-const MODELS: [&str; 4] = ["obj", "gltf", "glb", "ply"];
+const MODELS: [&str; 5] = ["obj", "gltf", "glb", "ply", "stl"];
 
 /// A source of scenes.
 #[derive(Clone, Debug)]

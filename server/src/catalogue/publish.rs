@@ -19,6 +19,7 @@ use lodestream_bake::proxies::make_with;
 use lodestream_bake::scene::Scene;
 use lodestream_bake::sources::Sources;
 use lodestream_bake::stderr::write_line;
+use lodestream_bake::warnings::Warnings;
 use lodestream_scene::blob::BlobPart;
 use lodestream_scene::published::pack_name;
 use lodestream_store::{
@@ -82,14 +83,16 @@ pub async fn publish_from(
     for (asset, key) in scene.assets.iter().zip(&keys) {
         download(objects, &key.path(cache, &asset.name), key).await?;
     }
+    let mut warnings = Warnings::default();
     let prepared = prepare_all_of(&scene.assets, cache, options, sources, |number, cached| {
         if let Some(report) = &cached.report {
             done.prepared += 1;
-            report.warnings.iter().for_each(|warning| write_line(format_args!("warning: {warning}")));
+            warnings.add(&scene.assets[number].file, &report.warnings);
             write_line(format_args!("{}: {report}", scene.assets[number].name));
         }
-    })?;
-    let packs: Vec<PackFile> = prepared.into_iter().map(|cached| cached.pack).collect();
+    });
+    warnings.lines().for_each(|warning| write_line(format_args!("warning: {warning}")));
+    let packs: Vec<PackFile> = prepared?.into_iter().map(|cached| cached.pack).collect();
     let mut downloaded = Ok(());
     // The key of a proxy's pack is known once those that it is made from are there.
     let forest = make_with(scene, &packs, cache, options, &mut |local, key| {

@@ -40,7 +40,7 @@ struct Cli {
 enum Command {
     /// Stream scenes: prepares models that are not prepared yet, then listens.
     Serve(Box<serve::Arguments>),
-    /// Prepare one model (OBJ, glTF or PLY) to a pack.
+    /// Prepare one model (OBJ, glTF, PLY or STL) to a pack.
     Prepare(prepare::Arguments),
     /// Write a scene to a folder or store, from which any web server or daemon can stream it.
     Publish(publish::Arguments),

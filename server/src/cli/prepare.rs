@@ -15,6 +15,7 @@ use lodestream_bake::mapping_allocator::{FROM_BYTES, MappingAllocator};
 use lodestream_bake::prepare::{Options, Report, key_of, prepare_to};
 use lodestream_bake::scene::Asset;
 use lodestream_bake::stderr::write_line;
+use lodestream_bake::warnings::Warnings;
 use lodestream_store::{Objects, StoreError};
 
 /// Longest list of a block, in bytes per face (that of quadrics), if its faces share vertices as in a closed surface.
@@ -23,7 +24,7 @@ const BLOCK_LIST_BYTES: usize = 48;
 
 #[derive(Debug, Args)]
 pub(super) struct Arguments {
-    /// The model: OBJ, glTF, GLB or PLY; a path or a URL. The meshes of a glTF file become one asset with their
+    /// The model: OBJ, glTF, GLB, PLY or STL; a path or a URL. The meshes of a glTF file become one asset with their
     /// placements.
     #[arg(value_name = "MODEL")]
     model: PathBuf,
@@ -122,8 +123,9 @@ fn asset(arguments: &Arguments, model: &Path) -> anyhow::Result<Asset> {
 }
 
 fn print_report(report: &Report, output: &Path) -> Outcome {
-    for warning in &report.warnings {
-        write_line(format_args!("warning: {warning}"));
-    }
+    let mut warnings = Warnings::default();
+    // All are of one model.
+    warnings.add(Path::new(""), &report.warnings);
+    warnings.lines().for_each(|warning| write_line(format_args!("warning: {warning}")));
     Outcome::good(format!("{}: {report}\n", output.display()))
 }

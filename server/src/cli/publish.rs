@@ -18,7 +18,7 @@ use lodestream_store::Objects;
 
 #[derive(Debug, Args)]
 pub(super) struct Arguments {
-    /// The scene: a scene file (TOML) or models (OBJ, glTF, GLB, PLY), combined to one scene; each a path or a URL. Then
+    /// The scene: a scene file (TOML) or models (OBJ, glTF, GLB, PLY, STL), combined to one scene; each a path or a URL. Then
     /// where to publish it: a folder or its URL (file, s3, gs, az, http). Packs are written to packs/, the scene to
     /// NAME.lss; existing objects are not prepared or written again.
     #[arg(value_name = "SCENE.toml | MODEL…  DEST", num_args = 2.., required = true)]

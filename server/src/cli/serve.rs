@@ -30,7 +30,7 @@ const MAX_DRAIN_SECONDS: u64 = 24 * 60 * 60;
 
 #[derive(Debug, Args)]
 pub(super) struct Arguments {
-    /// Models (OBJ, glTF, GLB, PLY), which are combined to one scene; or scenes: scene files (TOML), folders of scene
+    /// Models (OBJ, glTF, GLB, PLY, STL), which are combined to one scene; or scenes: scene files (TOML), folders of scene
     /// files or models, published scenes (.lss) and folders of them, by path or URL (file, s3, gs, az, https). They are
     /// checked for changes every --scene-check seconds and at SIGHUP.
     #[arg(value_name = "MODEL … | SCENE …", required = true)]

@@ -180,3 +180,30 @@ fn many_assets_of_one_file_give_the_same_packs_side_by_side_and_one_by_one() {
     let why = prepare_all(&assets, &dir.path().join("many"), &threads(3), |_, _| {}).unwrap_err();
     assert!(why.to_string().contains("7.obj"), "{why}");
 }
+
+/// A PLY file with texture coordinates, which is never read whole, and STL, which names no other files.
+#[test]
+fn a_texture_of_a_scan_that_appears_beside_it_later_is_noticed() {
+    let dir = TempDir::new().unwrap();
+    let ply = "ply\nformat ascii 1.0\ncomment TextureFile C:\\scans\\SKIN.png\nelement vertex 3\nproperty float x\n\
+               property float y\nproperty float z\nproperty float s\nproperty float t\nelement face 1\n\
+               property list uchar int vertex_indices\nend_header\n0 0 0 0 0\n1 0 0 1 0\n0 1 0 0 1\n3 0 1 2\n";
+    let stl = "solid\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\n";
+    let prepared = |name: &str, text: &str| {
+        let file = dir.path().join(name);
+        std::fs::write(&file, text).unwrap();
+        let options = Options { quiet: true, ..Options::default() };
+        prepare_cached(&Asset::of_file(&file), &dir.path().join("cache"), &options).unwrap()
+    };
+    let without = prepared("a.ply", ply);
+    assert!(without.files.contains(&dir.path().join("SKIN.png")), "{:?}", without.files);
+    let warnings = without.report.unwrap().warnings;
+    assert!(warnings.len() == 1 && warnings[0].contains("SKIN.png"), "{warnings:?}");
+    assert!(prepared("a.ply", ply).report.is_none());
+    image::RgbImage::from_pixel(8, 8, image::Rgb([200, 30, 40])).save(dir.path().join("skin.PNG")).unwrap();
+    let with = prepared("a.ply", ply);
+    assert!(with.report.unwrap().warnings.is_empty());
+    assert_eq!(with.pack.textures().len(), 1);
+    assert_eq!(prepared("a.stl", stl).report.unwrap().faces, 1);
+    assert!(prepared("a.stl", stl).report.is_none());
+}

@@ -26,7 +26,7 @@ const MAX_SCENE_BYTES: u64 = 256 << 20;
 #[derive(Debug, thiserror::Error)]
 pub enum SceneError {
     /// No file at all.
-    #[error("no scene: name models (OBJ, glTF, GLB, PLY) or one scene.toml")]
+    #[error("no scene: name models (OBJ, glTF, GLB, PLY, STL) or one scene.toml")]
     NothingNamed,
     /// A scene file beside other files.
     #[error("{}: a scene file stands alone; list its models in it as [[asset]]", path.display())]

@@ -27,7 +27,7 @@ const VISIBLE_SIDE: f64 = 0.35;
 pub struct Asset {
     /// Name; unique within the scene.
     pub name: String,
-    /// The OBJ, glTF or PLY file.
+    /// The OBJ, glTF, PLY or STL file.
     pub file: PathBuf,
     /// The part of the file.
     pub part: Part,

@@ -157,3 +157,31 @@ fn meshes_with_the_name_of_a_numbered_form_stay_distinct() {
     let scene = parse(&dir.path().join("scene.toml"), text).unwrap();
     assert_eq!(names(&scene), ["ship/mast-2", "ship/mast-3", "ship/mast-4", "ship/mast"]);
 }
+
+/// In f32, coordinates of a map have steps of half a metre.
+#[test]
+fn boxes_at_the_coordinates_of_a_map_stand_to_the_micrometre() {
+    let dir = TempDir::new().unwrap();
+    let path = ship(&dir);
+    let mut file: serde_json::Value = serde_json::from_slice(&std::fs::read(&path).unwrap()).unwrap();
+    let place = |n: u32| [408_201.25 + 0.05 * f64::from(n), 112.0, 4_080_928.5];
+    let node = |n: u32| serde_json::json!({"mesh": 0, "translation": place(n), "scale": [0.03, 0.03, 0.03]});
+    let nodes: Vec<_> = (0..40).map(node).collect();
+    file["nodes"] = serde_json::json!(nodes);
+    file["scenes"][0]["nodes"] = serde_json::json!((0..40).collect::<Vec<u32>>());
+    std::fs::write(&path, file.to_string()).unwrap();
+    let scene = of_files(&[path]).unwrap();
+    assert_eq!(scene.assets.len(), 1);
+    let near = |a: [f64; 3], b: [f64; 3]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-6);
+    for (part, n) in scene.models[0].parts.iter().zip(0..) {
+        assert!(near(part.placement.translation, place(n)), "{n}: {part:?}");
+    }
+    // And as what a client gets.
+    let sphere = lodestream_geometry::index::Sphere { center: [0.5, 0.5, 0.0], radius: 0.71 };
+    let entry = lodestream_scene::description::AssetEntry { sphere, ..Default::default() };
+    let composed = crate::compose::compose(&scene, &[entry], &[]).unwrap();
+    let mut composed: Vec<[f64; 3]> =
+        composed.pages.iter().flat_map(|page| &page.instances).map(|i| i.placement.translation).collect();
+    composed.sort_by(|a, b| a[0].total_cmp(&b[0]));
+    assert!(composed.len() == 40 && (0..).zip(&composed).all(|(n, at)| near(*at, place(n))), "{composed:?}");
+}

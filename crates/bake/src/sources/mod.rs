@@ -10,7 +10,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use lodestream_import::gltf::{CONTENTS_VERSION, Contents, CopyTolerance};
-use lodestream_import::{ImageSource, ImportError, ModelFile, is_gltf};
+use lodestream_import::{ImageSource, ImportError, ModelFile, is_gltf, is_streamed};
 
 use hashed_file::HashedFile;
 pub(crate) use memo::{FileState, Memo};
@@ -32,13 +32,15 @@ impl Source {
     /// # Errors
     /// A model file that cannot be read. Other files may be missing: the key then encodes that they are.
     pub(crate) fn read(path: &Path) -> Result<Self, ImportError> {
-        // A PLY file names no others and is never loaded whole. If it cannot be read, opening it returns the error.
-        if let Some(hash) = lodestream_import::is_ply(path).then(|| hash_file(path)).flatten() {
-            return Ok(Self::new(ModelFile::alone(path), hash, Vec::new()));
-        }
-        let file = HashedFile::open(path)?;
-        let hash = file.hash();
-        let model = ModelFile::parse(path, Arc::new(file))?;
+        // A PLY or STL file is never loaded whole. If it cannot be read, opening it returns the error.
+        let streamed = is_streamed(path).then(|| hash_file(path)).flatten();
+        let (hash, model) = match streamed {
+            Some(hash) => (hash, ModelFile::streamed(path)),
+            None => {
+                let file = HashedFile::open(path)?;
+                (file.hash(), ModelFile::parse(path, Arc::new(file))?)
+            }
+        };
         let dependencies = model.dependencies().iter().map(|file| hash_file(file)).collect();
         Ok(Self::new(model, hash, dependencies))
     }

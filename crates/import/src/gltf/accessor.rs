@@ -225,6 +225,18 @@ impl<'a> Buffers<'a> {
         place: &str,
         allowed: &[Type],
     ) -> Result<Elements, ImportError> {
+        self.open_with(index, place, allowed, MAX_ZEROS)
+    }
+
+    /// As [`Self::open`], with as many elements without a buffer view as something else in the file has.
+    pub(super) fn open_with(
+        &mut self,
+        index: usize,
+        place: &str,
+        allowed: &[Type],
+        zeros: usize,
+    ) -> Result<Elements, ImportError> {
+        let zeros = zeros.max(MAX_ZEROS);
         let document = self.document;
         let error = |what: String| document.error(format!("{place}: accessors[{index}] {what}"));
         let accessor = document.root.accessors.get(index).ok_or_else(|| error("does not exist".into()))?;
@@ -239,9 +251,9 @@ impl<'a> Buffers<'a> {
         let count = usize::try_from(accessor.count).ok().filter(|&n| n <= u32::MAX as usize);
         let count = count.ok_or_else(|| error(format!("has {} elements; too many", accessor.count)))?;
         let dense = match &accessor.buffer_view {
-            None if count > MAX_ZEROS => {
+            None if count > zeros => {
                 return Err(error(format!(
-                    "has {count} elements but no bufferView; at most {MAX_ZEROS} can be zero"
+                    "has {count} elements but no bufferView; at most {zeros} can be zero"
                 )));
             }
             None => None,

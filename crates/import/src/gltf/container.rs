@@ -5,12 +5,15 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 use std::ops::Range;
 use std::path::{Component, Path, PathBuf};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 use bytes::Bytes;
+use glam::DMat4;
 use gltf::json;
 
+use super::pose;
 use super::root::{COMPRESSED_VIEWS, DRACO, Root, TEXTURE_AVIF, TEXTURE_BASISU, TEXTURE_WEBP};
+use crate::beside::Beside;
 use crate::content::{Content, OpenFile};
 use crate::error::ImportError;
 use crate::file::{MAX_FILE_BYTES, read_file};
@@ -52,6 +55,16 @@ pub(crate) struct Document {
     pub(super) path: PathBuf,
     pub(super) root: Root,
     bin: Option<Buffer>,
+    /// What is unusual about the file as a whole, for people; each without the file's name.
+    pub(super) warnings: Vec<String>,
+    /// Extensions of its materials, each with the number of materials that have it.
+    material_extensions: BTreeMap<String, usize>,
+    /// Where files are that are not at the paths that it states.
+    beside: Beside,
+    /// Transformations of all nodes to the scene, once a skin needs them.
+    pub(super) to_scene: OnceLock<Vec<DMat4>>,
+    /// Matrices of the skins' joints, by skin.
+    pub(super) joints: Mutex<BTreeMap<usize, Arc<[DMat4]>>>,
     /// Buffers that were opened or decoded, by index.
     opened: Mutex<BTreeMap<usize, Buffer>>,
 }
@@ -106,10 +119,28 @@ impl Document {
         let error = |what: String| ImportError::gltf(path, what);
         let whole = Buffer::all_of(path, content);
         let is_glb = whole.length() >= 4 && *whole.read(0..4)? == *MAGIC;
-        let (text, bin) = if is_glb { split(path, &whole)? } else { (0..whole.length(), None) };
+        let Chunks { text, bin, is_unaligned } = match is_glb {
+            true => split(path, &whole)?,
+            false => Chunks { text: 0..whole.length(), bin: None, is_unaligned: false },
+        };
         let text = whole.read(text)?;
         let bin = bin.map(|bin| Buffer { range: bin, ..whole });
         let text = text.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&text);
+        let mut warnings = Vec::new();
+        if is_unaligned {
+            warnings
+                .push("has chunks whose lengths are no multiples of 4; it is read nevertheless".to_owned());
+        }
+        let mut unpadded = text.trim_ascii_end();
+        while let Some(rest) = unpadded.strip_suffix(b"\0") {
+            unpadded = rest.trim_ascii_end();
+        }
+        if unpadded.len() < text.trim_ascii_end().len() {
+            warnings.push(
+                "has zero bytes after its JSON, where spaces belong; it is read nevertheless".to_owned(),
+            );
+        }
+        let text = unpadded;
         // The version first: other versions have other fields.
         let head: Head = json::deserialize::from_slice(text)
             .map_err(|e| error(format!("is not glTF JSON: {e}; export it again as glTF 2.0")))?;
@@ -131,19 +162,36 @@ impl Document {
         }
         let mut root: Root = json::deserialize::from_slice(text)
             .map_err(|e| error(format!("is not valid glTF 2.0: {e}; export it again")))?;
+        warnings.extend(pose::resolve(&mut root));
         root.shrink_to_fit();
-        Ok(Self { path: path.to_owned(), root, bin, opened: Mutex::default() })
+        let (opened, to_scene, joints) = Default::default();
+        let (path, beside) = (path.to_owned(), Beside::new(path));
+        let material_extensions = root.material_extensions();
+        Ok(Self { path, root, bin, warnings, material_extensions, beside, to_scene, joints, opened })
+    }
+
+    /// [`Self::warnings`], each a line.
+    pub(super) fn told(&self) -> impl Iterator<Item = String> {
+        self.warnings.iter().map(|what| format!("{}: {what}", self.path.display()))
     }
 
     pub(super) fn error(&self, what: impl Into<String>) -> ImportError {
         ImportError::gltf(&self.path, what)
     }
 
-    /// Extensions that the file uses and that are not supported, each once.
-    pub(super) fn unknown_extensions(&self) -> impl Iterator<Item = &str> {
-        let names: BTreeSet<&String> =
-            self.root.extensions_used.iter().chain(&self.root.extensions_required).collect();
-        names.into_iter().map(String::as_str).filter(|name| !supported(name))
+    /// Extensions that the file uses and that are not supported, each once, with the number of materials that have them.
+    pub(super) fn unknown_extensions(&self) -> impl Iterator<Item = (&str, usize)> {
+        // Not every program lists what it uses.
+        let of_materials = self.material_extensions.keys().filter(|name| name.contains("_materials_"));
+        let names: BTreeSet<&String> = self
+            .root
+            .extensions_used
+            .iter()
+            .chain(&self.root.extensions_required)
+            .chain(of_materials)
+            .collect();
+        let counted = |name: &String| self.material_extensions.get(name).copied().unwrap_or_default();
+        names.into_iter().filter(|name| !supported(name)).map(move |name| (name.as_str(), counted(name)))
     }
 
     /// The bytes of one buffer: at least as many as its `byteLength`.
@@ -184,26 +232,50 @@ impl Document {
         Ok(bytes)
     }
 
-    /// Resolves a URI.
+    /// The files that a URI stands for, whether they exist or not: where it states one, and where it is looked for else.
+    pub(super) fn files(&self, uri: &str) -> Vec<PathBuf> {
+        let stated = stated(self.beside.folder(), uri).ok();
+        let found = match self.locate(uri) {
+            Ok(Location::Inline(_)) => None,
+            Ok(Location::File(file)) => Some(file),
+            Err(_) => self.beside.plain(uri),
+        };
+        let found = found.filter(|found| stated.as_ref() != Some(found));
+        stated.into_iter().flat_map(|file| self.beside.and_named(file)).chain(found).collect()
+    }
+
+    /// Resolves a URI. A file that does not exist where it should be is looked for by its name beside the model.
     ///
     /// # Errors
-    /// Data URIs that do not decode, and paths outside the model's folder.
+    /// Data URIs that do not decode, and paths outside the model's folder of files that are not found in it.
     pub(super) fn locate(&self, uri: &str) -> Result<Location, UriError> {
         if let Some(rest) = uri.strip_prefix("data:") {
             return decode_data(rest).map(Location::Inline);
         }
-        let name = percent_encoding::percent_decode_str(uri)
-            .decode_utf8()
-            .map_err(|_| UriError::NotUtf8(shown(uri)))?;
-        let relative = Path::new(&*name);
-        let inside = relative.components().all(|c| matches!(c, Component::Normal(_) | Component::CurDir));
-        // Schemes and drive letters are not relative paths either.
-        let plain = !name.contains(':') && !name.contains('\\') && !name.is_empty();
-        if !inside || !plain {
-            return Err(UriError::NotBeside(shown(uri)));
+        let stated = stated(self.beside.folder(), uri);
+        if let Ok(path) = &stated
+            && path.exists()
+        {
+            return stated.map(Location::File);
         }
-        Ok(Location::File(self.path.parent().unwrap_or(Path::new("")).join(relative)))
+        let decoded = percent_encoding::percent_decode_str(uri).decode_utf8_lossy();
+        let found = self.beside.named(&decoded).or_else(|| self.beside.named(uri));
+        found.map_or(stated, Ok).map(Location::File)
     }
+}
+
+/// The path that a URI states, below the folder of a model.
+fn stated(folder: &Path, uri: &str) -> Result<PathBuf, UriError> {
+    let name =
+        percent_encoding::percent_decode_str(uri).decode_utf8().map_err(|_| UriError::NotUtf8(shown(uri)))?;
+    let relative = Path::new(&*name);
+    let inside = relative.components().all(|c| matches!(c, Component::Normal(_) | Component::CurDir));
+    // Schemes and drive letters are not relative paths either.
+    let plain = !name.contains(':') && !name.contains('\\') && !name.is_empty();
+    if !inside || !plain {
+        return Err(UriError::NotBeside(shown(uri)));
+    }
+    Ok(folder.join(relative))
 }
 
 /// The fields that are checked before the rest is parsed.
@@ -219,8 +291,18 @@ struct HeadAsset {
     version: String,
 }
 
-/// Where the JSON chunk of a GLB is, and its BIN chunk if there is one (glTF 2.0 specification, §4.4).
-fn split(path: &Path, file: &Buffer) -> Result<(Range<u64>, Option<Range<u64>>), ImportError> {
+/// Where the chunks of a GLB are.
+struct Chunks {
+    /// JSON.
+    text: Range<u64>,
+    bin: Option<Range<u64>>,
+    /// Whether a chunk's length is no multiple of 4.
+    is_unaligned: bool,
+}
+
+/// Finds the chunks of a GLB (glTF 2.0 specification, §4.4). A chunk after one whose length is no multiple of 4 follows at
+/// once, or at the next multiple: programs write both.
+fn split(path: &Path, file: &Buffer) -> Result<Chunks, ImportError> {
     let error = |what: String| ImportError::gltf(path, what);
     let cut = || error("ends within its header or a chunk; the file is truncated".to_owned());
     // Two numbers of 4 bytes.
@@ -240,19 +322,26 @@ fn split(path: &Path, file: &Buffer) -> Result<(Range<u64>, Option<Range<u64>>),
     if length > file.length() {
         return Err(cut());
     }
-    let mut chunks = Vec::new();
-    let mut at = 12;
-    while at < length && chunks.len() < 2 {
+    let chunk = |at: u64| {
         let (size, kind) = pair(at)?;
         let end = Some(at + 8 + u64::from(size)).filter(|&end| end <= length).ok_or_else(cut)?;
-        chunks.push((kind, at + 8..end));
-        at = end.next_multiple_of(4);
+        Ok::<_, ImportError>((kind, at + 8..end))
+    };
+    let (first, text) = chunk(12)?;
+    if first != CHUNK_JSON {
+        return Err(error("does not begin with a JSON chunk; export it again".to_owned()));
     }
-    match &chunks[..] {
-        [(CHUNK_JSON, text), (CHUNK_BIN, bin), ..] => Ok((text.clone(), Some(bin.clone()))),
-        [(CHUNK_JSON, text), ..] => Ok((text.clone(), None)),
-        _ => Err(error("does not begin with a JSON chunk; export it again".to_owned())),
-    }
+    let aligned = text.end.next_multiple_of(4);
+    let at_once = (aligned != text.end && text.end < length).then(|| chunk(text.end).ok()).flatten();
+    let second = match at_once.filter(|(kind, _)| *kind == CHUNK_BIN) {
+        Some(found) => Some(found),
+        None if aligned < length => Some(chunk(aligned)?),
+        None => None,
+    };
+    let bin = second.filter(|(kind, _)| *kind == CHUNK_BIN).map(|(_, bin)| bin);
+    let is_unaligned =
+        [Some(&text), bin.as_ref()].into_iter().flatten().any(|chunk| (chunk.end - chunk.start) % 4 != 0);
+    Ok(Chunks { text, bin, is_unaligned })
 }
 
 /// A URI that is not read. The message is one line.

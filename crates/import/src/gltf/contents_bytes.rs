@@ -14,7 +14,7 @@ use super::{Contents, PlacedMesh};
 use crate::model::Part;
 
 /// Version of what is found in a file, copies included, and of these bytes. Increment it when the same file gives others.
-pub const CONTENTS_VERSION: u32 = 2;
+pub const CONTENTS_VERSION: u32 = 3;
 
 const IDENTITY: [[f64; 3]; 3] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
 
@@ -190,6 +190,6 @@ mod tests {
         let sum = bytes.iter().fold(0xcbf2_9ce4_8422_2325_u64, |sum, &byte| {
             (sum ^ u64::from(byte)).wrapping_mul(0x100_0000_01b3)
         });
-        assert_eq!((CONTENTS_VERSION, bytes.len(), sum), (2, 1258, 12_031_168_152_548_860_416));
+        assert_eq!((CONTENTS_VERSION, bytes.len(), sum), (3, 1258, 3_426_484_638_591_420_064));
     }
 }

@@ -64,7 +64,8 @@ pub(super) fn of_meshes(
     let mut identical: HashMap<&[Primitive], usize> = HashMap::new();
     let mut groups: BTreeMap<Stated, Vec<usize>> = BTreeMap::new();
     for &number in placed {
-        let Some(mesh) = document.root.meshes.get(number) else { continue };
+        let mesh = document.root.meshes.get(number).filter(|mesh| mesh.pose.is_plain());
+        let Some(mesh) = mesh else { continue };
         if let Some(&original) = identical.get(&*mesh.primitives) {
             copies.insert(number, (original, DMat4::IDENTITY));
             continue;

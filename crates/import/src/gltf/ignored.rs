@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use super::container::Document;
 use super::lights;
+use super::root::{SPECULAR_GLOSSINESS, TRANSMISSION};
 
 /// Number of occurrences of each ignored feature.
 #[derive(Default)]
@@ -18,7 +19,6 @@ impl Ignored {
         let root = &document.root;
         for (what, count) in [
             ("animations", root.animations),
-            ("skins", root.skins),
             ("cameras", root.cameras),
             ("directional lights (set [light] in the scene file instead)", lights::directional(document)),
         ] {
@@ -26,13 +26,13 @@ impl Ignored {
                 ignored.counts.insert(what.to_owned(), count);
             }
         }
-        for name in document.unknown_extensions() {
+        for (name, materials) in document.unknown_extensions() {
             let instead = match name {
-                "KHR_materials_transmission" => " (drawn as opacity unless it has a texture)",
-                "KHR_materials_pbrSpecularGlossiness" => " (drawn as metallic-roughness)",
+                TRANSMISSION => " drawn as opacity unless it has a texture",
+                SPECULAR_GLOSSINESS => " drawn as metallic-roughness",
                 _ => "",
             };
-            ignored.note(&format!("extension {name}{instead}"));
+            ignored.counts.insert(format!("extension {name}{instead}"), materials.max(1));
         }
         ignored
     }

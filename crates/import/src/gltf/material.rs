@@ -107,8 +107,8 @@ fn metallic_roughness(
     }
 }
 
-/// Approximates specular-glossiness: the diffuse colour is the base colour, 1 − glossiness the roughness. A material
-/// without diffuse reflection becomes a metal of its specular colour.
+/// Approximates specular-glossiness: 1 − glossiness is the roughness; colours without textures become base colour and
+/// metal, of textures the diffuse one is the base colour of what is no metal.
 fn specular_glossiness(
     glossy: &PbrSpecularGlossiness,
     material: &mut Material,
@@ -119,9 +119,11 @@ fn specular_glossiness(
     material.base_color = [r, g, b, opacity];
     material.metallic = 0.0;
     images.color = maps.image("diffuse texture", glossy.diffuse_texture.as_ref().map(Texture::from));
-    if glossy.diffuse_texture.is_none() && [r, g, b] == [0.0; 3] {
-        let [r, g, b] = glossy.specular_factor.0.map(unit);
-        (material.base_color, material.metallic) = ([r, g, b, opacity], 1.0);
+    let specular = glossy.specular_factor.0.map(unit);
+    let is_black = [r, g, b] == [0.0; 3];
+    if glossy.diffuse_texture.is_none() && (is_black || glossy.specular_glossiness_texture.is_none()) {
+        let ([r, g, b], metallic) = metal_of([r, g, b], specular);
+        (material.base_color, material.metallic) = ([r, g, b, opacity], metallic);
     }
     let gloss = unit(glossy.glossiness_factor.0);
     material.roughness = 1.0 - gloss;
@@ -132,6 +134,31 @@ fn specular_glossiness(
         let channel = Channel { image, component: Component::Alpha, inverted: true, strength };
         (images.surface.roughness, material.roughness) = (Some(channel), 1.0);
     }
+}
+
+/// Base colour and metal of a diffuse and a specular colour, all linear (Khronos, KHR_materials_pbrSpecularGlossiness,
+/// `examples/convert-between-workflows`: the metal for which both models reflect as much).
+fn metal_of(diffuse: [f32; 3], specular: [f32; 3]) -> ([f32; 3], f32) {
+    /// Reflection of what is no metal.
+    const DIELECTRIC: f32 = 0.04;
+    const LEAST: f32 = 1e-6;
+    let brightness = |[r, g, b]: [f32; 3]| (0.299 * r * r + 0.587 * g * g + 0.114 * b * b).sqrt();
+    let not_reflected = 1.0 - specular.into_iter().fold(0.0, f32::max);
+    let (dark, bright) = (brightness(diffuse), brightness(specular));
+    let metallic = if bright < DIELECTRIC {
+        0.0
+    } else {
+        let b = dark * not_reflected / (1.0 - DIELECTRIC) + bright - 2.0 * DIELECTRIC;
+        let root = (b * b - 4.0 * DIELECTRIC * (DIELECTRIC - bright)).max(0.0).sqrt();
+        ((root - b) / (2.0 * DIELECTRIC)).clamp(0.0, 1.0)
+    };
+    let base = |channel: usize| {
+        let of_diffuse = diffuse[channel] * not_reflected / (1.0 - DIELECTRIC) / (1.0 - metallic).max(LEAST);
+        let of_specular = (specular[channel] - DIELECTRIC * (1.0 - metallic)) / metallic.max(LEAST);
+        let share = metallic * metallic;
+        (of_diffuse + (of_specular - of_diffuse) * share).clamp(0.0, 1.0)
+    };
+    ([0, 1, 2].map(base), metallic)
 }
 
 fn normal_occlusion_emission(

@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use glam::{DMat3, DMat4, DVec3};
+use glam::{DMat3, DMat4};
 use gltf::json::accessor::Type;
 use gltf::json::mesh::{Mode, Semantic};
 use gltf::json::validation::Checked;
@@ -13,7 +13,8 @@ use super::container::Document;
 use super::draco::{Compressed, Streams};
 use super::ignored::Ignored;
 use super::material::{Converted, convert};
-use super::root::Primitive;
+use super::posed::{Posed, SETS};
+use super::root::{Pose, Primitive};
 use crate::error::ImportError;
 use crate::shading::{FaceShading, ShadingRuns, Unshaded};
 use crate::srgb::linear_to_srgb;
@@ -45,6 +46,7 @@ struct Attributes {
     normals: Option<Elements>,
     uvs: Option<Elements>,
     colors: Option<Elements>,
+    pose: Posed,
 }
 
 impl<'a> Builder<'a> {
@@ -67,7 +69,7 @@ impl<'a> Builder<'a> {
             materials: Vec::new(),
             material_of: BTreeMap::new(),
             ignored: Ignored::of_file(document),
-            warnings: Vec::new(),
+            warnings: document.told().collect(),
             without_uvs: BTreeSet::new(),
         }
     }
@@ -82,7 +84,11 @@ impl<'a> Builder<'a> {
             return Err(document.error(format!("meshes[{mesh}] does not exist")));
         };
         for (number, primitive) in source.primitives.iter().enumerate() {
-            self.primitive(primitive, &format!("meshes[{mesh}].primitives[{number}]"), transform)?;
+            self.primitive(
+                (primitive, &source.pose),
+                &format!("meshes[{mesh}].primitives[{number}]"),
+                transform,
+            )?;
         }
         Ok(())
     }
@@ -111,7 +117,7 @@ impl<'a> Builder<'a> {
 
     fn primitive(
         &mut self,
-        primitive: &Primitive,
+        (primitive, pose): (&Primitive, &Pose),
         place: &str,
         transform: &DMat4,
     ) -> Result<(), ImportError> {
@@ -124,14 +130,11 @@ impl<'a> Builder<'a> {
             }
             None => return Err(document.error(format!("{place}.mode is unknown"))),
         };
-        if primitive.has_targets {
-            self.ignored.note("morph targets");
-        }
         let material = self.material(primitive.material.map(|m| m.value()))?;
         let compressed = self.streams.open(document, &mut self.buffers, primitive, place)?;
         // Draco streams contain a list of triangles, whatever the primitive's mode.
         let mode = if compressed.is_some() { Mode::Triangles } else { mode };
-        let attributes = self.attributes(primitive, compressed.as_ref(), place, material)?;
+        let attributes = self.attributes((primitive, pose), compressed.as_ref(), place, material)?;
         let Some(attributes) = attributes else { return Ok(()) };
         if attributes.uvs.is_none() {
             self.warn_of_missing_uvs(material, place);
@@ -152,7 +155,7 @@ impl<'a> Builder<'a> {
         let corners = self.vertices(&attributes, &used, place, material, transform)?;
         // Every index is among those used.
         let corner = |i: u32| corners[used.binary_search(&i).unwrap_or(0)];
-        let flip = DMat3::from_mat4(*transform).determinant() < 0.0;
+        let flip = (DMat3::from_mat4(*transform).determinant() < 0.0) != attributes.pose.mirrors();
         self.mesh.faces.reserve(faces);
         for [a, b, c] in triangles(&indices, mode) {
             // A mirror reverses the winding; swapping two corners restores it.
@@ -202,7 +205,7 @@ impl<'a> Builder<'a> {
     /// glTF allows and which draws nothing.
     fn attributes(
         &mut self,
-        primitive: &Primitive,
+        (primitive, pose): (&Primitive, &Pose),
         compressed: Option<&Compressed>,
         place: &str,
         material: u16,
@@ -211,6 +214,8 @@ impl<'a> Builder<'a> {
         let uv_set = self.materials[usize::from(material)].uv_set;
         let mut positions = None;
         let (mut normals, mut uvs, mut colors) = (None, None, None);
+        let mut influences: [[Option<Elements>; 2]; SETS] = Default::default();
+        let sets = if pose.skin.is_some() { SETS } else { 0 };
         for (semantic, accessor) in &primitive.attributes {
             let Checked::Valid(semantic) = semantic else {
                 self.ignored.note("attributes of the application's own");
@@ -231,7 +236,10 @@ impl<'a> Builder<'a> {
                 Semantic::Normals => normals = Some(open(&[Type::Vec3])?),
                 Semantic::TexCoords(set) if *set == uv_set => uvs = Some(open(&[Type::Vec2])?),
                 Semantic::Colors(0) => colors = Some(open(&[Type::Vec3, Type::Vec4])?),
-                // Skins are counted as ignored for the file as a whole.
+                Semantic::Joints(set) | Semantic::Weights(set) if (*set as usize) < sets => {
+                    let kind = usize::from(matches!(semantic, Semantic::Weights(_)));
+                    influences[*set as usize][kind] = Some(open(&[Type::Vec4])?);
+                }
                 Semantic::Joints(_) | Semantic::Weights(_) => {}
                 _ => self.ignored.note(&format!("attribute {name}")),
             }
@@ -247,7 +255,13 @@ impl<'a> Builder<'a> {
                     .error(format!("{place}.attributes.{name} has fewer elements than POSITION")));
             }
         }
-        Ok(Some(Attributes { positions, normals, uvs, colors }))
+        let of = (primitive, pose);
+        let (pose, left_out) =
+            Posed::open(document, &mut self.buffers, of, (place, positions.len()), influences)?;
+        if left_out > 0 {
+            self.ignored.note("morph targets");
+        }
+        Ok(Some(Attributes { positions, normals, uvs, colors, pose }))
     }
 
     /// The primitive's indices, all below `vertices`.
@@ -308,13 +322,14 @@ impl<'a> Builder<'a> {
         for &index in used {
             let index = index as usize;
             let mut corner = Corner::at(mesh.positions.len() as u32);
-            let position = transform.transform_point3(DVec3::from_array(attributes.positions.get(index)));
+            let position =
+                transform.transform_point3(attributes.pose.position(index, attributes.positions.get(index)));
             if !position.is_finite() {
                 return Err(error("POSITION", index));
             }
             mesh.positions.push(position.to_array());
             if let Some(normals) = &attributes.normals {
-                let normal = cofactors * DVec3::from_array(normals.get(index)) * outwards;
+                let normal = cofactors * attributes.pose.normal(index, normals.get(index)) * outwards;
                 // A zero normal counts as missing.
                 if let Some(normal) = normal.try_normalize() {
                     corner.normal = mesh.normals.len() as u32;

@@ -24,6 +24,8 @@ mod material;
 mod mesh;
 mod nodes;
 mod part_names;
+mod pose;
+mod posed;
 mod root;
 mod similarity;
 mod sizes;
@@ -42,7 +44,6 @@ use crate::error::ImportError;
 use crate::model::Part;
 use crate::shading::Unshaded;
 pub(crate) use container::Document;
-use container::Location;
 pub use contents_bytes::CONTENTS_VERSION;
 pub use copies::CopyTolerance;
 use lodestream_geometry::base::MAX_PARTS;
@@ -199,10 +200,10 @@ impl Document {
         let mut files = Vec::new();
         let mut known = BTreeSet::new();
         for uri in buffers.chain(images).filter(|uri| !uri.starts_with("data:")) {
-            if let Ok(Location::File(file)) = self.locate(uri)
-                && known.insert(file.clone())
-            {
-                files.push(file);
+            for file in self.files(uri) {
+                if known.insert(file.clone()) {
+                    files.push(file);
+                }
             }
         }
         files

@@ -61,6 +61,8 @@ pub(super) fn placed(document: &Document) -> Result<SceneContents, ImportError> 
         let named = placed.nodes.add(index, node, named);
         let number = u32::try_from(index).ok();
         if let Some(mesh) = node.mesh.map(|mesh| mesh.value()) {
+            // Joints place a mesh with a skin: "only the joint transforms are applied" (glTF 2.0 specification, §3.7.3.3).
+            let to_scene = if node.is_skinned { DMat4::IDENTITY } else { to_scene };
             match instancing::of_node(document, &mut buffers, node, index)? {
                 None => placed.meshes.push(Placed { mesh, to_scene, node: number }),
                 Some(places) => {
@@ -82,15 +84,13 @@ pub(super) fn placed(document: &Document) -> Result<SceneContents, ImportError> 
     Ok(placed)
 }
 
-fn local(node: &Node) -> DMat4 {
+/// The transformation of a node to its parent.
+pub(super) fn local(node: &Node) -> DMat4 {
     if let Some(matrix) = &node.matrix {
-        return DMat4::from_cols_array(&matrix.map(f64::from));
+        return DMat4::from_cols_array(matrix);
     }
-    let vector = |v: Option<[f32; 3]>, default: f64| {
-        v.map_or(DVec3::splat(default), |v| DVec3::from_array(v.map(f64::from)))
-    };
-    let rotation = node.rotation.unwrap_or([0.0, 0.0, 0.0, 1.0]).map(f64::from);
-    let rotation = DQuat::from_array(rotation);
+    let vector = |v: Option<[f64; 3]>, default: f64| v.map_or(DVec3::splat(default), DVec3::from_array);
+    let rotation = DQuat::from_array(node.rotation.unwrap_or([0.0, 0.0, 0.0, 1.0]));
     // Normalised, since files round quaternions; a zero quaternion counts as the identity.
     let rotation = if rotation.length_squared() > 0.0 { rotation.normalize() } else { DQuat::IDENTITY };
     DMat4::from_scale_rotation_translation(vector(node.scale, 1.0), rotation, vector(node.translation, 0.0))

@@ -1,8 +1,10 @@
 //! The JSON of a file in little memory. Of accessors, views, meshes and nodes, of which a file may have hundreds of
 //! thousands, only what is imported is kept: each is parsed as the crate `gltf` has it and converted at once.
 
+use std::collections::BTreeMap;
 use std::fmt;
 use std::marker::PhantomData;
+use std::sync::Arc;
 
 use gltf::json;
 use gltf::json::Index;
@@ -21,6 +23,10 @@ pub(super) const DRACO: &str = "KHR_draco_mesh_compression";
 pub(super) const TEXTURE_WEBP: &str = "EXT_texture_webp";
 pub(super) const TEXTURE_AVIF: &str = "EXT_texture_avif";
 pub(super) const TEXTURE_BASISU: &str = "KHR_texture_basisu";
+
+/// Extensions of materials that are approximated.
+pub(super) const SPECULAR_GLOSSINESS: &str = "KHR_materials_pbrSpecularGlossiness";
+pub(super) const TRANSMISSION: &str = "KHR_materials_transmission";
 
 /// Extensions that compress buffer views.
 pub(super) const COMPRESSED_VIEWS: [&str; 2] = ["EXT_meshopt_compression", "KHR_meshopt_compression"];
@@ -57,13 +63,29 @@ pub(super) struct Root {
     pub(super) scene: Option<Index<json::Scene>>,
     #[serde(default)]
     pub(super) scenes: Vec<json::Scene>,
-    #[serde(default, deserialize_with = "count::<json::Skin, _>")]
-    pub(super) skins: usize,
+    #[serde(default)]
+    pub(super) skins: Vec<json::Skin>,
     #[serde(default)]
     pub(super) textures: Vec<json::Texture>,
 }
 
 impl Root {
+    /// Extensions of materials, each with the number of materials that have it.
+    pub(super) fn material_extensions(&self) -> BTreeMap<String, usize> {
+        let mut counts = BTreeMap::new();
+        for extensions in self.materials.iter().filter_map(|material| material.extensions.as_ref()) {
+            let parsed = [
+                (SPECULAR_GLOSSINESS, extensions.pbr_specular_glossiness.is_some()),
+                (TRANSMISSION, extensions.transmission.is_some()),
+            ];
+            let parsed = parsed.into_iter().filter(|(_, has)| *has).map(|(name, _)| name);
+            for name in parsed.chain(extensions.others.keys().map(String::as_str)) {
+                *counts.entry(name.to_owned()).or_default() += 1;
+            }
+        }
+        counts
+    }
+
     /// Gives back the room that long lists grew into.
     pub(super) fn shrink_to_fit(&mut self) {
         self.accessors.shrink_to_fit();
@@ -92,6 +114,11 @@ fn count<'de, T: Deserialize<'de>, D: Deserializer<'de>>(list: D) -> Result<usiz
         }
     }
     list.deserialize_seq(Count(PhantomData::<T>))
+}
+
+/// A list; empty for `null`, which some programs write.
+fn list_or_null<'de, T: Deserialize<'de>, D: Deserializer<'de>>(list: D) -> Result<Box<[T]>, D::Error> {
+    Ok(Option::deserialize(list)?.unwrap_or_default())
 }
 
 #[derive(Deserialize)]
@@ -170,7 +197,11 @@ impl From<json::buffer::View> for View {
 pub(super) struct Mesh {
     pub(super) name: Option<Box<str>>,
     pub(super) extras: Option<Box<RawValue>>,
-    pub(super) primitives: Box<[Primitive]>,
+    pub(super) primitives: Arc<[Primitive]>,
+    /// Weights of the morph targets, unless a node states others.
+    pub(super) weights: Option<Box<[f32]>>,
+    /// Set once nodes are known.
+    pub(super) pose: Pose,
 }
 
 impl From<json::Mesh> for Mesh {
@@ -179,7 +210,25 @@ impl From<json::Mesh> for Mesh {
             name: mesh.name.map(String::into_boxed_str),
             extras: mesh.extras,
             primitives: mesh.primitives.into_iter().map(Primitive::from).collect(),
+            weights: mesh.weights.map(Vec::into_boxed_slice),
+            pose: Pose::default(),
         }
+    }
+}
+
+/// What a mesh gets its shape from, besides its vertices.
+#[derive(Clone, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) struct Pose {
+    /// Number of the skin.
+    pub(super) skin: Option<usize>,
+    /// Bits of the weights of the morph targets; none if all are 0.
+    pub(super) weights: Box<[u32]>,
+}
+
+impl Pose {
+    /// Whether the mesh is as its vertices say.
+    pub(super) fn is_plain(&self) -> bool {
+        *self == Self::default()
     }
 }
 
@@ -192,19 +241,21 @@ pub(super) struct Primitive {
     pub(super) material: Option<Index<json::Material>>,
     /// OpenGL's number of the mode; `None` if unknown.
     mode: Option<u32>,
-    pub(super) has_targets: bool,
+    /// Morph targets: shifts of positions and of normals.
+    pub(super) targets: Box<[[Option<Index<json::Accessor>>; 2]]>,
     /// The extension [`DRACO`].
     pub(super) draco: Option<Box<Value>>,
 }
 
 impl From<json::mesh::Primitive> for Primitive {
     fn from(primitive: json::mesh::Primitive) -> Self {
+        let targets = primitive.targets.into_iter().flatten();
         Self {
             attributes: primitive.attributes.into_iter().collect(),
             indices: primitive.indices,
             material: primitive.material,
             mode: valid(primitive.mode).map(Mode::as_gl_enum),
-            has_targets: primitive.targets.is_some_and(|targets| !targets.is_empty()),
+            targets: targets.map(|target| [target.positions, target.normals]).collect(),
             draco: primitive.extensions.and_then(|mut all| all.others.remove(DRACO)).map(Box::new),
         }
     }
@@ -225,35 +276,25 @@ impl Primitive {
     }
 }
 
-#[derive(Deserialize)]
-#[serde(from = "json::Node")]
+/// A node. Unlike the crate `gltf`, which rounds to f32, it keeps the numbers of its transformation as written: f32 has
+/// steps of half a metre at the coordinates of a map.
+#[derive(Default, Deserialize)]
 pub(super) struct Node {
     pub(super) name: Option<Box<str>>,
     pub(super) mesh: Option<Index<json::Mesh>>,
+    pub(super) skin: Option<Index<json::Skin>>,
+    pub(super) weights: Option<Box<[f32]>>,
+    /// Whether its mesh follows the skin, and stands in the scene without the node's transformation.
+    #[serde(skip)]
+    pub(super) is_skinned: bool,
+    #[serde(default, deserialize_with = "list_or_null")]
     pub(super) children: Box<[Index<json::Node>]>,
-    pub(super) matrix: Option<Box<[f32; 16]>>,
-    pub(super) translation: Option<[f32; 3]>,
-    pub(super) rotation: Option<[f32; 4]>,
-    pub(super) scale: Option<[f32; 3]>,
+    pub(super) matrix: Option<Box<[f64; 16]>>,
+    pub(super) translation: Option<[f64; 3]>,
+    pub(super) rotation: Option<[f64; 4]>,
+    pub(super) scale: Option<[f64; 3]>,
     pub(super) extras: Option<Box<RawValue>>,
     extensions: Option<Box<Map<String, Value>>>,
-}
-
-impl From<json::Node> for Node {
-    fn from(node: json::Node) -> Self {
-        let extensions = node.extensions.map(|all| all.others).filter(|others| !others.is_empty());
-        Self {
-            name: node.name.map(String::into_boxed_str),
-            mesh: node.mesh,
-            children: node.children.unwrap_or_default().into(),
-            matrix: node.matrix.map(Box::new),
-            translation: node.translation,
-            rotation: node.rotation.map(|rotation| rotation.0),
-            scale: node.scale,
-            extras: node.extras,
-            extensions: extensions.map(Box::new),
-        }
-    }
 }
 
 impl Node {

@@ -40,7 +40,7 @@ pub struct PartSize {
 /// What the file states of some of its meshes.
 pub(super) fn of_part(document: &Document, meshes: impl Iterator<Item = usize>) -> PartSize {
     let primitives =
-        meshes.filter_map(|mesh| document.root.meshes.get(mesh)).flat_map(|mesh| &mesh.primitives);
+        meshes.filter_map(|mesh| document.root.meshes.get(mesh)).flat_map(|mesh| mesh.primitives.iter());
     primitives.fold(PartSize::default(), |size, primitive| PartSize {
         faces: size.faces.saturating_add(corners(document, primitive).unwrap_or(0) / 3),
     })
@@ -60,11 +60,14 @@ pub fn join_uvs(one: Option<[[f64; 2]; 2]>, other: Option<[[f64; 2]; 2]>) -> Opt
     Some([[0, 1].map(|axis| a[0][axis].min(b[0][axis])), [0, 1].map(|axis| a[1][axis].max(b[1][axis]))])
 }
 
-/// The size of each mesh; `None` where the file does not state it, and for meshes that blend, since blended objects are
+/// The size of each mesh; `None` where the file does not state it, as in a pose, and for meshes that blend, since blended objects are
 /// drawn by distance, and whose texture coordinates need a grid of their own: beyond 8 repeats, transformed, compressed.
 pub(super) fn of_meshes(document: &Document) -> Vec<Option<MeshSize>> {
     let mut buffers = Buffers::new(document);
     let mut size = |mesh: &Mesh| {
+        if !mesh.pose.is_plain() {
+            return None;
+        }
         let parts: Option<Vec<MeshSize>> =
             mesh.primitives.iter().map(|primitive| of_primitive(document, &mut buffers, primitive)).collect();
         parts.filter(|parts| parts.len() <= MAX_PRIMITIVES)?.into_iter().reduce(|one, other| MeshSize {

@@ -5,10 +5,12 @@ mod compressed;
 mod copies;
 #[cfg(feature = "draco")]
 mod draco;
+mod found;
 mod instancing;
 mod lights;
 mod materials;
 mod parts;
+mod poses;
 
 use std::path::{Path, PathBuf};
 

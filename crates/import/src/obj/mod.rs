@@ -10,10 +10,12 @@ use std::path::{Path, PathBuf};
 
 use lodestream_geometry::mesh::{Corner, NONE, SourceMesh};
 
+use crate::beside::Beside;
 use crate::error::ImportError;
 use crate::file::{MAX_FILE_BYTES, read_file};
 use crate::model::ImportedMaterial;
 use crate::shading::{FaceShading, ShadingRuns, Unshaded};
+use crate::text::utf8;
 use crate::triangulate::triangulate;
 use crate::weld::Weld;
 use mtl::Library;
@@ -32,13 +34,27 @@ const MAX_MATERIALS: usize = lodestream_scene::asset::MAX_MATERIALS;
 /// Whatever makes the geometry unusable, with the line; see [`ImportError`].
 pub(super) fn import(path: &Path) -> Result<Unshaded, ImportError> {
     let bytes = read_file(path, MAX_FILE_BYTES)?;
-    let parsed = parse(path, &bytes)?;
+    let text = utf8(&bytes);
+    let parsed = parse(path, &text)?;
     let mut warnings = Vec::new();
     let mut library = Library::new();
-    for file in libraries(path, &bytes, &mut warnings) {
-        mtl::load(folder(path), &file, &mut library, &mut warnings);
+    let beside = Beside::new(path);
+    for file in libraries(path, &text, &beside, &mut warnings) {
+        mtl::load(&beside, &file, &mut library, &mut warnings);
     }
+    drop(text);
     drop(bytes);
+    if let Some(first) = &parsed.first_bad {
+        warnings.push(format!("{first}; {} such faces were left out", parsed.bad_faces));
+    }
+    for (count, what) in parsed.without.iter().zip(["texture coordinates", "normals"]) {
+        if *count > 0 {
+            warnings.push(format!(
+                "{}: {count} faces name {what} that do not exist or are no finite numbers, and are read without",
+                path.display()
+            ));
+        }
+    }
     if parsed.left_out > 0 {
         warnings.push(format!(
             "{}: {} points, lines or faces with fewer than 3 corners were left out",
@@ -70,16 +86,25 @@ pub(super) fn import(path: &Path) -> Result<Unshaded, ImportError> {
 /// The files that are read beside an OBJ file of the given content: MTL files, then textures, each
 /// once, whether they exist or not.
 pub(super) fn dependencies(path: &Path, bytes: &[u8]) -> Vec<PathBuf> {
-    let mut files = libraries(path, bytes, &mut Vec::new());
+    let text = utf8(bytes);
+    let beside = Beside::new(path);
+    let libraries = libraries(path, &text, &beside, &mut Vec::new());
     let mut library = Library::new();
-    for file in &files {
-        mtl::load(folder(path), file, &mut library, &mut Vec::new());
+    for file in &libraries {
+        mtl::load(&beside, file, &mut library, &mut Vec::new());
+    }
+    let mut files = Vec::new();
+    for file in libraries.into_iter().flat_map(|file| beside.and_named(file)) {
+        if !files.contains(&file) {
+            files.push(file);
+        }
     }
     let folder = folder(path);
     let images = library.values().flat_map(|material| material.maps.images());
-    let images = images.filter(|image| !udim::is_set(folder, image)).map(|image| image.path.clone());
+    let images = images.filter(|image| !udim::is_set(folder, image));
+    let images = images.flat_map(|image| beside.and_named(image.path.clone()));
     // Which tiles there are, only the faces tell.
-    let parsed = if udim::any_set(folder, &library) { parse(path, bytes).ok() } else { None };
+    let parsed = if udim::any_set(folder, &library) { parse(path, &text).ok() } else { None };
     let tiles = parsed.map(|parsed| Tiles::new(folder, &parsed, &library).images(&parsed, &library));
     for image in images.chain(tiles.into_iter().flatten()) {
         if !files.contains(&image) {
@@ -95,9 +120,9 @@ fn folder(path: &Path) -> &Path {
 }
 
 /// MTL files named by `mtllib` lines, in order, each once.
-fn libraries(path: &Path, bytes: &[u8], warnings: &mut Vec<String>) -> Vec<PathBuf> {
+fn libraries(path: &Path, bytes: &[u8], beside: &Beside, warnings: &mut Vec<String>) -> Vec<PathBuf> {
     let mut located = |name: &str| {
-        let found = mtl::locate(folder(path), folder(path), name);
+        let found = mtl::locate(beside, beside, name);
         found.map_err(|why| warnings.push(format!("{}: mtllib {why}", path.display()))).ok()
     };
     let mut files = Vec::new();
@@ -107,10 +132,14 @@ fn libraries(path: &Path, bytes: &[u8], warnings: &mut Vec<String>) -> Vec<PathB
             continue;
         };
         // The rest of the line is one name with blanks, or several names.
+        let words = || names.split_whitespace();
+        let is_there = |name: &str| mtl::locate(beside, beside, name).is_ok_and(|path| path.exists());
+        let several =
+            words().count() > 1 && words().all(is_there) && !beside.folder().join(names.trim()).exists();
         let named = match located(names) {
-            Some(whole) if whole.exists() => vec![whole],
-            None if names.split_whitespace().count() == 1 => Vec::new(),
-            _ => names.split_whitespace().filter_map(&mut located).collect(),
+            Some(whole) if whole.exists() && !several => vec![whole],
+            None if words().count() == 1 => Vec::new(),
+            _ => words().filter_map(&mut located).collect(),
         };
         for file in named {
             if !files.contains(&file) {

@@ -15,6 +15,9 @@ use crate::shading::FaceShading;
 /// Most elements of one kind: indices and counts must fit `u32`, with room for a "none" mark.
 const MAX_ELEMENTS: usize = u32::MAX as usize - 1;
 
+/// Bad faces are left out unless they are more than one in this many, rounded up: one is left out of a small file too.
+const MAX_BAD_SHARE: usize = 10;
+
 /// The values and faces of an OBJ file.
 #[derive(Debug, Default)]
 pub(super) struct Parsed {
@@ -30,6 +33,11 @@ pub(super) struct Parsed {
     pub(super) material_names: Vec<String>,
     /// Lines, points and faces with fewer than three corners, all left out.
     pub(super) left_out: usize,
+    /// Faces that name what is not there or is no number, left out, and what is wrong with the first.
+    pub(super) bad_faces: usize,
+    pub(super) first_bad: Option<ImportError>,
+    /// Faces that name texture coordinates and normals which do not exist or are no numbers, and have none instead.
+    pub(super) without: [usize; 2],
     /// Vertices whose colour had values outside 0 to 1, which were clamped.
     pub(super) clamped_colors: usize,
 }
@@ -43,11 +51,12 @@ pub(super) struct Face {
     pub(super) material: usize,
     /// Shading by the last `s` line, where corners have no normals.
     pub(super) shading: FaceShading,
+    /// Its line in the file.
+    pub(super) line: usize,
 }
 
-/// Lines of the file with their numbers: comments and continuations (`\` at the end) resolved.
+/// Lines of a file in UTF-8 with their numbers: comments and continuations (`\` at the end) resolved.
 pub(super) fn logical_lines(bytes: &[u8]) -> impl Iterator<Item = (usize, Cow<'_, str>)> {
-    let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
     // Files from old Macs end their lines with carriage returns alone.
     let separator = if bytes.contains(&b'\n') { b'\n' } else { b'\r' };
     let mut lines = bytes.split(move |&b| b == separator).enumerate();
@@ -68,7 +77,7 @@ pub(super) fn logical_lines(bytes: &[u8]) -> impl Iterator<Item = (usize, Cow<'_
 /// Parses an OBJ file.
 ///
 /// # Errors
-/// The first invalid line, or a file without faces.
+/// The first bad face if more than a tenth of the faces are bad, or a file without faces.
 pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<Parsed, ImportError> {
     if bytes.is_empty() {
         return Err(ImportError::Empty { path: path.to_owned() });
@@ -105,6 +114,14 @@ fn keyword(line: &str) -> (&str, &str) {
     line.split_once(char::is_whitespace).unwrap_or((line, ""))
 }
 
+/// An index of a face that cannot be used.
+enum IndexError {
+    /// Of an element that does not exist.
+    Missing(ImportError),
+    /// It is none.
+    NoNumber(ImportError),
+}
+
 const KINDS: [&str; 3] = ["vertex", "texture coordinate", "normal"];
 
 struct Reader<'a> {
@@ -116,6 +133,15 @@ struct Reader<'a> {
     shading: FaceShading,
     lines: usize,
     unknown: usize,
+    /// Elements that are no usable numbers, which are NaN in the lists, by kind; and the first error of each kind.
+    unusable: [Unusable; 3],
+}
+
+/// Elements of one kind that are no usable numbers. They matter only to faces that use them.
+#[derive(Debug, Default)]
+struct Unusable {
+    count: usize,
+    first: Option<(u32, ImportError)>,
 }
 
 impl<'a> Reader<'a> {
@@ -129,6 +155,7 @@ impl<'a> Reader<'a> {
             shading: FaceShading::Creased,
             lines: 0,
             unknown: 0,
+            unusable: Default::default(),
         }
     }
 
@@ -145,9 +172,9 @@ impl<'a> Reader<'a> {
         self.lines += 1;
         let values = || rest.split_once('#').map_or(rest, |(values, _)| values);
         match keyword {
-            "v" => self.position(number, values()),
-            "vt" => self.texture_coordinate(number, values()),
-            "vn" => self.normal(number, values()),
+            "v" => self.element(number, 0, values()),
+            "vt" => self.element(number, 1, values()),
+            "vn" => self.element(number, 2, values()),
             "f" | "fo" => self.face(number, values()),
             "l" | "p" => {
                 self.out.left_out += 1;
@@ -208,6 +235,27 @@ impl<'a> Reader<'a> {
         Ok(())
     }
 
+    /// Adds an element of a kind: NaN, with a note, if its line is no usable numbers.
+    fn element(&mut self, line: usize, kind: usize, text: &str) -> Result<(), ImportError> {
+        self.check_count(line, kind)?;
+        let added = match kind {
+            0 => self.position(line, text),
+            1 => self.texture_coordinate(line, text),
+            _ => self.normal(line, text),
+        };
+        let Err(error) = added else { return Ok(()) };
+        let index = self.seen()[kind] as u32;
+        match kind {
+            0 => self.out.positions.push([f64::NAN; 3]),
+            1 => self.out.uvs.push([f32::NAN; 2]),
+            _ => self.out.normals.push([f64::NAN; 3]),
+        }
+        let Unusable { count, first } = &mut self.unusable[kind];
+        *count += 1;
+        first.get_or_insert((index, error));
+        Ok(())
+    }
+
     fn position(&mut self, line: usize, text: &str) -> Result<(), ImportError> {
         let (v, count) = self.numbers(line, 0, text)?;
         let mut xyz = [v[0], v[1], v[2]];
@@ -226,7 +274,6 @@ impl<'a> Reader<'a> {
             }
             _ => {}
         }
-        self.check_count(line, 0)?;
         if let Some(color) = self.color(&v[..count]) {
             self.out.colors.resize(self.out.positions.len(), None);
             self.out.colors.push(Some(color));
@@ -250,7 +297,6 @@ impl<'a> Reader<'a> {
         if count == 0 {
             return Err(self.error(line, "texture coordinate has no values; two are needed (u v)"));
         }
-        self.check_count(line, 1)?;
         // One value is a one-dimensional texture: v is 0.
         self.out.uvs.push([v[0] as f32, v[1] as f32]);
         Ok(())
@@ -261,48 +307,60 @@ impl<'a> Reader<'a> {
         if count < 3 {
             return Err(self.error(line, format!("normal has {count} values; three are needed (x y z)")));
         }
-        self.check_count(line, 2)?;
         self.out.normals.push([v[0], v[1], v[2]]);
         Ok(())
     }
 
     /// Converts an index of the file to an absolute one from 1; 0 if the corner has none.
-    fn index(&self, line: usize, kind: usize, text: &str) -> Result<u32, ImportError> {
+    ///
+    /// # Errors
+    /// Indices that are no numbers, and those of elements that do not exist.
+    fn index(&self, line: usize, kind: usize, text: &str) -> Result<u32, IndexError> {
         let name = KINDS[kind];
         if text.is_empty() && kind > 0 {
             return Ok(0);
         }
         let index: i64 = text.parse().map_err(|_| {
-            self.error(line, format!("face has {:?}; a {name} index is expected", shown(text)))
+            let what = format!("face has {:?}; a {name} index is expected", shown(text));
+            IndexError::NoNumber(self.error(line, what))
         })?;
         let (total, seen) = (self.totals[kind], self.seen()[kind]);
+        let missing = |what: String| Err(IndexError::Missing(self.error(line, what)));
         if index == 0 {
-            return Err(self.error(line, format!("face refers to {name} 0; OBJ counts from 1")));
+            return missing(format!("face refers to {name} 0; OBJ counts from 1"));
         }
         if index > 0 {
             return match usize::try_from(index) {
                 Ok(index) if index <= total.min(MAX_ELEMENTS) => Ok(index as u32),
-                _ => {
-                    Err(self.error(line, format!("face refers to {name} {index}, but the file has {total}")))
-                }
+                _ => missing(format!("face refers to {name} {index}, but the file has {total}")),
             };
         }
         match usize::try_from(index.unsigned_abs()) {
             Ok(back) if back <= seen => Ok((seen - back + 1) as u32),
-            _ => Err(self.error(
-                line,
-                format!("face refers to {name} {index} (counting back), but only {seen} come before it"),
+            _ => missing(format!(
+                "face refers to {name} {index} (counting back), but only {seen} come before it"
             )),
         }
     }
 
-    fn face(&mut self, line: usize, text: &str) -> Result<(), ImportError> {
-        let first = self.out.corners.len();
+    /// Adds the corners of a face, and tells which of texture coordinates and normals some of them miss.
+    ///
+    /// # Errors
+    /// Corners without a position, and what is no corner.
+    fn corners(&mut self, line: usize, text: &str) -> Result<[bool; 2], ImportError> {
+        let mut missing = [false; 2];
         for corner in text.split_whitespace() {
             let mut parts = corner.split('/');
             let mut indices = [0; 3];
             for (kind, index) in indices.iter_mut().enumerate() {
-                *index = self.index(line, kind, parts.next().unwrap_or(""))?;
+                *index = match self.index(line, kind, parts.next().unwrap_or("")) {
+                    Ok(index) => index,
+                    Err(IndexError::Missing(_)) if kind > 0 => {
+                        missing[kind - 1] = true;
+                        0
+                    }
+                    Err(IndexError::Missing(error) | IndexError::NoNumber(error)) => return Err(error),
+                };
             }
             if parts.next().is_some() {
                 let corner = shown(corner);
@@ -310,6 +368,21 @@ impl<'a> Reader<'a> {
             }
             self.out.corners.push(indices);
         }
+        Ok(missing)
+    }
+
+    /// Adds a face, or counts it as bad.
+    fn face(&mut self, line: usize, text: &str) -> Result<(), ImportError> {
+        let first = self.out.corners.len();
+        let missing = match self.corners(line, text) {
+            Ok(missing) => missing,
+            Err(error) => {
+                self.out.corners.truncate(first);
+                self.out.bad_faces += 1;
+                self.out.first_bad.get_or_insert(error);
+                return Ok(());
+            }
+        };
         let corners = self.out.corners.len() - first;
         if corners < 3 {
             self.out.corners.truncate(first);
@@ -329,11 +402,68 @@ impl<'a> Reader<'a> {
                 index
             }
         };
-        self.out.faces.push(Face { corners, material, shading: self.shading });
+        for (count, missing) in self.out.without.iter_mut().zip(missing) {
+            *count += usize::from(missing);
+        }
+        self.out.faces.push(Face { corners, material, shading: self.shading, line });
         Ok(())
     }
 
-    fn finish(self) -> Result<Parsed, ImportError> {
+    /// Leaves out faces whose positions are no numbers, and of others the attributes that are none. Faces may name elements
+    /// further down, so this waits for the end of the file.
+    fn drop_unusable(&mut self) {
+        if self.unusable.iter().all(|unusable| unusable.count == 0) {
+            return;
+        }
+        let out = &mut self.out;
+        let (positions, uvs, normals) = (&out.positions, &out.uvs, &out.normals);
+        let is_nan = |kind: usize, index: u32| {
+            let Some(at) = index.checked_sub(1).map(|at| at as usize) else { return false };
+            match kind {
+                0 => positions[at][0].is_nan(),
+                1 => uvs[at][0].is_nan(),
+                _ => normals[at][0].is_nan(),
+            }
+        };
+        let corners = std::mem::take(&mut out.corners);
+        let mut rest = &corners[..];
+        let mut kept = Vec::with_capacity(corners.len());
+        let (path, first_position) = (self.path, &mut self.unusable[0].first);
+        out.faces.retain(|face| {
+            let (own, behind) = rest.split_at(face.corners);
+            rest = behind;
+            if let Some([bad, ..]) = own.iter().find(|[position, ..]| is_nan(0, *position)) {
+                out.bad_faces += 1;
+                out.first_bad.get_or_insert_with(|| match first_position.take() {
+                    Some((index, error)) if index + 1 == *bad => error,
+                    _ => {
+                        let what = format!("face refers to vertex {bad}, which is no finite numbers");
+                        ImportError::line(path, face.line, what)
+                    }
+                });
+                return false;
+            }
+            let lost = [1, 2].map(|kind| own.iter().any(|corner| is_nan(kind, corner[kind])));
+            for (count, lost) in out.without.iter_mut().zip(lost) {
+                *count += usize::from(lost);
+            }
+            kept.extend(own.iter().map(|&[position, uv, normal]| {
+                [position, if lost[0] { 0 } else { uv }, if lost[1] { 0 } else { normal }]
+            }));
+            true
+        });
+        out.corners = kept;
+    }
+
+    fn finish(mut self) -> Result<Parsed, ImportError> {
+        self.drop_unusable();
+        let good = self.out.faces.len();
+        let is_bad = self.out.bad_faces > (good + self.out.bad_faces).div_ceil(MAX_BAD_SHARE);
+        if (is_bad || good == 0)
+            && let Some(error) = self.out.first_bad.take()
+        {
+            return Err(error);
+        }
         if !self.out.faces.is_empty() {
             return Ok(self.out);
         }

@@ -21,6 +21,9 @@ pub(super) struct Body<'a, R> {
     line: usize,
     text: Vec<u8>,
     read: usize,
+    /// Lines with more than the header declares, and lines of comments; of each the first, and how many.
+    excess: Option<(usize, u64)>,
+    comments: Option<(usize, u64)>,
     /// The current element.
     name: &'a str,
     index: u64,
@@ -30,7 +33,9 @@ impl<'a, R: BufRead> Body<'a, R> {
     /// The body of a file of `length` bytes, after its header.
     pub(super) fn new(path: &'a Path, reader: R, header: &Header, length: u64) -> Self {
         let &Header { encoding, bytes: offset, lines: line, .. } = header;
-        Self { path, reader, encoding, offset, length, line, text: Vec::new(), read: 0, name: "", index: 0 }
+        let (text, name) = (Vec::new(), "");
+        let (excess, comments) = (None, None);
+        Self { path, reader, encoding, offset, length, line, text, read: 0, excess, comments, name, index: 0 }
     }
 
     /// An error about the current element.
@@ -58,7 +63,10 @@ impl<'a, R: BufRead> Body<'a, R> {
             return Ok(());
         }
         self.text.clear();
-        while self.text.trim_ascii().is_empty() {
+        while self.text.trim_ascii().is_empty() || is_comment(&self.text) {
+            if is_comment(&self.text) {
+                note(&mut self.comments, self.line);
+            }
             self.text.clear();
             let line = self.reader.by_ref().take(MAX_LINE_BYTES).read_until(b'\n', &mut self.text);
             let read = line.map_err(|source| self.unreadable(source))? as u64;
@@ -73,12 +81,22 @@ impl<'a, R: BufRead> Body<'a, R> {
         Ok(())
     }
 
-    /// Ends an element: a line of text must have no more numbers.
-    pub(super) fn end(&self) -> Result<(), ImportError> {
-        if self.text[self.read..].trim_ascii().is_empty() {
-            return Ok(());
+    /// Ends an element. What else a line of text has is noted.
+    pub(super) fn end(&mut self) {
+        if !self.text[self.read..].trim_ascii().is_empty() {
+            note(&mut self.excess, self.line);
         }
-        Err(self.wrong("the line has more numbers than the header declares"))
+    }
+
+    /// What was noted, for people.
+    pub(super) fn notes(&self) -> impl Iterator<Item = String> {
+        let excess = self.excess.map(|(line, count)| {
+            format!("{count} lines have more than the header declares, which is left out (the first is line {line})")
+        });
+        let comments = self.comments.map(|(line, count)| {
+            format!("{count} comments stand among the elements, where none belong (the first is line {line})")
+        });
+        excess.into_iter().chain(comments)
     }
 
     /// The next number.
@@ -131,4 +149,16 @@ impl<'a, R: BufRead> Body<'a, R> {
         }
         Ok(count as usize)
     }
+}
+
+/// Counts a line.
+fn note(noted: &mut Option<(usize, u64)>, line: usize) {
+    noted.get_or_insert((line, 0)).1 += 1;
+}
+
+/// Whether a line is a comment, as the header has them or as other formats do.
+fn is_comment(line: &[u8]) -> bool {
+    let line = line.trim_ascii_start();
+    let word = line.split(u8::is_ascii_whitespace).next().unwrap_or_default();
+    line.starts_with(b"#") || matches!(word, b"comment" | b"obj_info")
 }

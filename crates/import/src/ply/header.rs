@@ -83,8 +83,8 @@ pub(super) struct Element {
 pub(super) struct Header {
     pub(super) encoding: Encoding,
     pub(super) elements: Vec<Element>,
-    /// Texture of a `TextureFile` comment, which some programs write.
-    pub(super) texture: Option<String>,
+    /// Textures of `TextureFile` comments, as MeshLab and photogrammetry programs write them; by their number.
+    pub(super) textures: Vec<String>,
     pub(super) lines: usize,
     pub(super) bytes: u64,
 }
@@ -93,7 +93,7 @@ impl Header {
     /// Reads the header, and nothing beyond it.
     pub(super) fn read(path: &Path, reader: &mut impl BufRead) -> Result<Self, ImportError> {
         let mut header =
-            Self { encoding: Encoding::Text, elements: Vec::new(), texture: None, lines: 0, bytes: 0 };
+            Self { encoding: Encoding::Text, elements: Vec::new(), textures: Vec::new(), lines: 0, bytes: 0 };
         let (mut line, mut encoding) = (Vec::new(), None);
         loop {
             line.clear();
@@ -117,7 +117,8 @@ impl Header {
             match words[..] {
                 [] | ["ply" | "obj_info", ..] => {}
                 ["comment", "TextureFile", ..] => {
-                    header.texture = text.split_once("TextureFile").map(|(_, name)| name.trim().to_owned());
+                    let name = text.split_once("TextureFile").map(|(_, name)| name.trim().to_owned());
+                    header.textures.extend(name);
                 }
                 ["comment", ..] => {}
                 ["format", name, "1.0"] => {

@@ -2,26 +2,28 @@
 //!
 //! The file is streamed; counts are checked against its length before memory is reserved. Positions, normals, colours and
 //! texture coordinates are read from `vertex`, triangles from `face` and `tristrips`. A warning names skipped elements.
+//! Comments `TextureFile` name images, whose coordinates are those of the vertices or of the faces (`texcoord`).
 
 mod body;
 mod header;
 #[cfg(test)]
 mod tests;
+mod textured;
 
 use std::fs::File;
 use std::io::{BufRead, BufReader};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use lodestream_geometry::mesh::{Corner, NONE};
 
 use crate::error::ImportError;
 use crate::file::{MAX_FILE_BYTES, check_file};
-use crate::model::ImportedMaterial;
 use crate::shading::{FaceShading, ShadingRuns, Unshaded};
 use crate::triangulate::triangulate;
 use crate::weld::Weld;
 use body::Body;
 use header::{Element, Header};
+use textured::{FaceTexture, Materials};
 
 /// Size of the read buffer.
 const BUFFER_BYTES: usize = 1 << 16;
@@ -49,16 +51,12 @@ const UV: usize = 10;
 
 /// Imports a PLY file.
 pub(super) fn import(path: &Path) -> Result<Unshaded, ImportError> {
-    let length = check_file(path, MAX_FILE_BYTES)?;
-    if length == 0 {
-        return Err(ImportError::Empty { path: path.to_owned() });
-    }
-    let file = File::open(path).map_err(|source| ImportError::Read { path: path.to_owned(), source })?;
-    let mut reader = BufReader::with_capacity(BUFFER_BYTES, file);
+    let (length, mut reader) = open(path)?;
     let header = Header::read(path, &mut reader)?;
     header.check_counts(path, length)?;
     let mut body = Body::new(path, reader, &header, length);
-    let mut reading = MeshReader::default();
+    let mut reading =
+        MeshReader { materials: Materials::new(path, &header.textures), ..MeshReader::default() };
     for element in &header.elements {
         match element.name.as_str() {
             "vertex" => reading.vertices(path, element, &mut body)?,
@@ -66,12 +64,29 @@ pub(super) fn import(path: &Path) -> Result<Unshaded, ImportError> {
             _ => reading.skip(element, &mut body)?,
         }
     }
-    if let Some(texture) = &header.texture {
-        reading.warnings.push(format!(
-            "names the texture {texture:?} in a comment, which is left out; a material needs OBJ with MTL, or glTF"
-        ));
-    }
+    reading.warnings.extend(body.notes());
     reading.finish(path)
+}
+
+/// The length of a file that is not empty, and its bytes.
+fn open(path: &Path) -> Result<(u64, BufReader<File>), ImportError> {
+    let length = check_file(path, MAX_FILE_BYTES)?;
+    if length == 0 {
+        return Err(ImportError::Empty { path: path.to_owned() });
+    }
+    let file = File::open(path).map_err(|source| ImportError::Read { path: path.to_owned(), source })?;
+    Ok((length, BufReader::with_capacity(BUFFER_BYTES, file)))
+}
+
+/// The textures that the header of a PLY file names, of which `bytes` may be no more than the beginning.
+pub(super) fn dependencies(path: &Path, mut bytes: &[u8]) -> Vec<PathBuf> {
+    Header::read(path, &mut bytes).map(|header| textured::files(path, &header.textures)).unwrap_or_default()
+}
+
+/// As [`dependencies`], of the file at a path, of which the header alone is read.
+pub(super) fn dependencies_of_file(path: &Path) -> Vec<PathBuf> {
+    let header = open(path).and_then(|(_, mut reader)| Header::read(path, &mut reader));
+    header.map(|header| textured::files(path, &header.textures)).unwrap_or_default()
 }
 
 /// The mesh read so far.
@@ -85,6 +100,9 @@ struct MeshReader {
     /// Corner of each vertex, once a face has used it.
     corners: Vec<Option<Corner>>,
     weld: Weld,
+    materials: Materials,
+    /// Number of the current face's among them.
+    material: u16,
     left_out: u64,
     clamped: u64,
     skipped: Vec<String>,
@@ -140,7 +158,7 @@ impl MeshReader {
                     }
                 }
             }
-            body.end()?;
+            body.end();
             let [x, y, z, nx, ny, nz, .., u, v] = numbers;
             let usable = |numbers: &[f64]| numbers.iter().all(|x| x.abs() <= f64::from(f32::MAX));
             if !usable(&[x, y, z]) || normals && !usable(&[nx, ny, nz]) || uvs && !usable(&[u, v]) {
@@ -183,8 +201,9 @@ impl MeshReader {
             let what = format!("{} comes before any vertex; write vertices first", element.name);
             return Err(ImportError::line(path, element.line, what));
         }
+        let mut texture = FaceTexture::declared(element, &self.materials);
         for (place, property) in element.properties.iter().enumerate() {
-            if place != listed {
+            if place != listed && !texture.has(place) {
                 self.skipped.push(format!("{} of {}", property.name, element.name));
             }
         }
@@ -195,6 +214,7 @@ impl MeshReader {
         for index in 0..element.count {
             body.begin(&element.name, index)?;
             corners.clear();
+            texture.clear();
             for (place, property) in element.properties.iter().enumerate() {
                 let length = match property.length {
                     Some(length) => body.list_length(length, property.kind)?,
@@ -203,6 +223,7 @@ impl MeshReader {
                 for _ in 0..length {
                     let number = body.number(property.kind)?;
                     if place != listed {
+                        texture.add(place, number);
                         continue;
                     }
                     if strips && number == -1.0 {
@@ -217,7 +238,18 @@ impl MeshReader {
                     }
                 }
             }
-            body.end()?;
+            body.end();
+            let material = self.materials.of_face(&texture);
+            if let Some(uvs) = texture.uvs(corners.len()) {
+                for (corner, uv) in corners.iter_mut().zip(uvs) {
+                    corner.uv = self.weld.uv(uv);
+                }
+            }
+            if material > 0 && !self.colors.is_empty() {
+                // Scanners give vertices the colours that the texture shows in more detail.
+                corners.iter_mut().for_each(|corner| corner.color = NONE);
+            }
+            self.material = material;
             match corners[..] {
                 _ if strips => self.strip(&corners),
                 [a, b, c] => self.triangle([a, b, c]),
@@ -246,7 +278,7 @@ impl MeshReader {
 
     fn triangle(&mut self, corners: [Corner; 3]) {
         self.weld.mesh.faces.push(corners);
-        self.weld.mesh.materials.push(0);
+        self.weld.mesh.materials.push(self.material);
     }
 
     /// The mesh's corner for a vertex; `None` if there is no such vertex.
@@ -287,13 +319,15 @@ impl MeshReader {
                     body.number(property.kind)?;
                 }
             }
-            body.end()?;
+            body.end();
         }
         Ok(())
     }
 
     fn finish(self, path: &Path) -> Result<Unshaded, ImportError> {
-        let Self { positions, normals, weld, left_out, clamped, skipped, mut warnings, .. } = self;
+        let Self {
+            positions, normals, mut weld, materials, left_out, clamped, skipped, mut warnings, ..
+        } = self;
         if weld.mesh.faces.is_empty() {
             let found = format!("{} vertices, {left_out} faces with fewer than 3 corners", positions.len());
             return Err(ImportError::NoFaces { path: path.to_owned(), found });
@@ -308,9 +342,9 @@ impl MeshReader {
             warnings.push(format!("skipped: {skipped:?}"));
         }
         let warnings = warnings.into_iter().map(|what| format!("{}: {what}", path.display())).collect();
-        let material = ImportedMaterial::named("");
+        let materials = materials.used(path, &mut weld.mesh.materials)?;
         let shading = if normals.is_empty() { FaceShading::Creased } else { FaceShading::Given };
         let shading = ShadingRuns::all(shading, weld.mesh.faces.len());
-        Ok(Unshaded { mesh: weld.mesh, materials: vec![material], shading, warnings })
+        Ok(Unshaded { mesh: weld.mesh, materials, shading, warnings })
     }
 }

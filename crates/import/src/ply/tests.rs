@@ -247,7 +247,6 @@ fn errors_name_the_line() {
         ("uchar int", "uchar float", ":7: face has no list vertex_indices of integers"),
         ("vertex_index", "corners", ":7: face has no list vertex_indices of integers"),
         ("1 0 0", "1 0", ":11: vertex 1: the line has fewer numbers"),
-        ("1 0 0", "1 0 0 7", ":11: vertex 1: the line has more numbers"),
         ("1 0 0", "1 o 0", ":11: vertex 1: \"o\" is not a number"),
         ("1 0 0", "1 nan 0", ":11: vertex 1: a position, normal or coordinate is not finite"),
         ("1 0 0", "1 1e39 0", ":11: vertex 1: a position"),
@@ -292,14 +291,90 @@ fn vertices_at_one_place_are_one_and_unused_ones_none() {
 }
 
 #[test]
-fn colours_beyond_their_range_are_clamped_and_a_texture_in_a_comment_is_told() {
+fn colours_beyond_their_range_are_clamped_and_left_out_under_a_texture() {
     let colors = "property float red\nproperty float green\nproperty float blue\nproperty uchar alpha\n";
     let text = head(&format!(
         "comment TextureFile my map.png\nelement vertex 3\n{XYZ}{colors}{FACE}end_header\n0 0 0 2 0.5 0 51\n1 0 0 nan 0 0 \
          255\n0 1 0 1 1 1 255\n3 0 1 2\n"
     ));
-    let found = read("a.ply", text).unwrap();
+    let found = read("a.ply", text.replace("TextureFile", "made of")).unwrap();
     assert_eq!(found.mesh.colors, [[255, 128, 0, 51], [0, 0, 0, 255], [255; 4]]);
     let told = found.warnings.join("\n");
-    assert!(told.contains("my map.png") && told.contains("2 vertices have colours"), "{told}");
+    assert!(told.contains("2 vertices have colours"), "{told}");
+    let found = read("a.ply", text).unwrap();
+    assert!(found.materials[0].maps.color.as_ref().unwrap().path.ends_with("my map.png"));
+    assert!(found.mesh.faces[0].iter().all(|corner| corner.color == NONE), "the texture shows them");
+}
+
+#[test]
+fn more_numbers_than_declared_and_comments_and_blank_lines_are_read_with_a_warning_each() {
+    let lines = "0 0 0 0.5 1\n\n# a note\n1 0 0 0.5 1\ncomment 7 8 9\n0 1 0 0.5 1\n  \n3 0 1 2\n";
+    let text = head(&format!("element vertex 3\n{XYZ}{FACE}end_header\n{lines}"));
+    let found = read("a.ply", text).unwrap();
+    assert_eq!(found.mesh.positions, [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]);
+    let [excess, comments] = &found.warnings[..] else { panic!("{:?}", found.warnings) };
+    assert!(excess.contains("3 lines have more") && excess.contains("line 10"), "{excess}");
+    assert!(comments.contains("2 comments") && comments.contains("line 12"), "{comments}");
+}
+
+/// Two triangles in one quad, with texture coordinates in the lists of the faces.
+fn textured(names: &[&str], faces: &str, properties: &str) -> String {
+    let names: String = names.iter().map(|name| format!("comment TextureFile {name}\n")).collect();
+    let face = format!("element face 2\nproperty list uchar int vertex_indices\n{properties}end_header\n");
+    head(&format!("{names}element vertex 4\n{XYZ}{face}0 0 0\n1 0 0\n1 1 0\n0 1 0\n{faces}"))
+}
+
+const TEXCOORD: &str = "property list uchar float texcoord\n";
+
+#[test]
+fn a_texture_is_laid_by_the_coordinates_of_faces() {
+    let faces = "3 0 1 2 6 0 0 1 0 1 0.5\n3 0 2 3 6 0.25 0 1 1 0 1\n";
+    let found = read("a.ply", textured(&["skin of it.png"], faces, TEXCOORD)).unwrap();
+    assert!(found.warnings.is_empty(), "{:?}", found.warnings);
+    let uvs: Vec<[f32; 2]> =
+        found.mesh.faces.iter().flatten().map(|corner| found.mesh.uvs[corner.uv as usize]).collect();
+    assert_eq!(uvs, [[0.0, 0.0], [1.0, 0.0], [1.0, 0.5], [0.25, 0.0], [1.0, 1.0], [0.0, 1.0]]);
+    let [material] = &found.materials[..] else { panic!("{:?}", found.materials) };
+    assert!(material.maps.color.as_ref().unwrap().path.ends_with("skin of it.png"));
+    assert_eq!(material.material.base_color, [1.0; 4]);
+    // A list that does not fit its face gives it no coordinates.
+    let found =
+        read("a.ply", textured(&["a.png"], "3 0 1 2 0\n3 0 2 3 6 0 0 nan 1 0 1\n", TEXCOORD)).unwrap();
+    assert!(found.mesh.faces.iter().flatten().all(|corner| corner.uv == NONE));
+    // Without a texture they are skipped.
+    let found = read("a.ply", textured(&[], faces, TEXCOORD)).unwrap();
+    assert!(found.mesh.uvs.is_empty() && found.warnings[0].contains("texcoord of face"));
+}
+
+#[test]
+fn several_textures_are_chosen_by_the_numbers_of_faces() {
+    let properties = format!("{TEXCOORD}property int texnumber\n");
+    let of = |first: &str, second: &str| {
+        let faces = format!("3 0 1 2 6 0 0 1 0 1 1 {first}\n3 0 2 3 6 0 0 1 1 0 1 {second}\n");
+        let found = read("a.ply", textured(&["a.png", "b.png", "c.png"], &faces, &properties)).unwrap();
+        let name = |material: u16| {
+            let image = found.materials[usize::from(material)].maps.color.as_ref()?;
+            Some(image.path.file_name()?.to_str()?.to_owned())
+        };
+        let names: Vec<_> = found.mesh.materials.iter().map(|&material| name(material)).collect();
+        (names, found.materials.len())
+    };
+    let named = |name: &str| Some(name.to_owned());
+    assert_eq!(of("2", "0"), (vec![named("c.png"), named("a.png")], 2));
+    assert_eq!(of("1", "1"), (vec![named("b.png"), named("b.png")], 1));
+    assert_eq!(of("3", "-1"), (vec![None, None], 1));
+}
+
+#[test]
+fn a_texture_is_looked_for_beside_the_model_and_listed_as_read() {
+    let folder = TempDir::new().unwrap();
+    let path = folder.path().join("a.ply");
+    let text = textured(&["C:\\scans\\Skin.PNG", "../lost.png"], "3 0 1 2 0\n3 0 2 3 0\n", TEXCOORD);
+    std::fs::write(&path, &text).unwrap();
+    std::fs::write(folder.path().join("skin.png"), "").unwrap();
+    let expected = ["skin.png", "lost.png"].map(|name| folder.path().join(name));
+    assert_eq!(crate::dependencies(&path, text.as_bytes()), expected);
+    assert_eq!(crate::ModelFile::streamed(&path).dependencies(), expected);
+    let found = import(&path).unwrap();
+    assert_eq!(found.materials[0].maps.color, Some(expected[0].clone().into()));
 }

@@ -276,7 +276,8 @@ fn files_say_what_is_flat() {
         assert_eq!(flat("a.obj", &obj(before)), [wanted], "{before:?}");
     }
     // Normals come first.
-    let normals = obj("vn 0 1 0\ns off\n").lines().map(|line| match line.strip_prefix("f ") {
+    let text = obj("vn 0 1 0\ns off\n");
+    let normals = text.lines().map(|line| match line.strip_prefix("f ") {
         Some(corners) => {
             format!("f {}\n", corners.split(' ').map(|c| format!("{c}//1 ")).collect::<String>())
         }
@@ -292,4 +293,7 @@ fn files_say_what_is_flat() {
         )
     };
     assert_eq!(flat("a.ply", &ply("3 0 1 2\n3 1 0 3\n")), [true]);
+    let facet =
+        "facet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\n";
+    assert_eq!(flat("a.stl", &format!("solid a\n{facet}endsolid a\n")), [true]);
 }

@@ -1,6 +1,6 @@
 //! Materials: every field, defaults of missing fields, and invalid values.
 
-use lodestream_scene::asset::{Alpha, MAX_EMISSION, Wrap};
+use lodestream_scene::asset::{Alpha, MAX_EMISSION, Material, Wrap};
 use serde_json::{Value, json};
 
 use super::Model;
@@ -378,10 +378,37 @@ fn transmission_becomes_transparency_and_glossiness_inverse_roughness() {
         SurfaceMap { roughness: mapped.maps.surface.roughness.clone(), ..SurfaceMap::default() }
     );
     let gold = glossy(json!({"diffuseFactor": [0, 0, 0, 1], "specularFactor": [1, 0.75, 0.25]})).material;
-    assert_eq!((gold.base_color, gold.metallic), ([1.0, 0.75, 0.25, 1.0], 1.0));
+    let near = |a: [f32; 4], b: [f32; 4]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-4);
+    assert!(near(gold.base_color, [1.0, 0.75, 0.25, 1.0]) && gold.metallic > 0.9999, "{gold:?}");
+    // What reflects as little as no metal does stays as it is, but for what it reflects.
+    let plaster = json!({"diffuseFactor": [0.5, 0.25, 0, 0.5], "specularFactor": [0.04, 0.04, 0.04]});
+    let plaster = glossy(plaster).material;
+    assert!(near(plaster.base_color, [0.5, 0.25, 0.0, 1.0]) && plaster.metallic < 1e-4, "{plaster:?}");
+    // In between, metal reflects as much as before: 0.04 (1 − m) + base × m, and the rest is diffuse.
+    let bronze = json!({"diffuseFactor": [0.25, 0.25, 0.25, 1], "specularFactor": [0.5, 0.5, 0.5]});
+    let Material { base_color: [base, ..], metallic, .. } = glossy(bronze).material;
+    let (reflected, diffuse) = (0.04 * (1.0 - metallic) + base * metallic, base * (1.0 - metallic) * 0.96);
+    assert!((0.5..1.0).contains(&metallic) && (reflected - 0.5).abs() < 0.01, "{metallic} {base}");
+    assert!((diffuse - 0.125).abs() < 0.05, "{diffuse}");
     let both = read(&textured(json!({
         "pbrMetallicRoughness": {"metallicFactor": 0.5},
         "extensions": {"KHR_materials_pbrSpecularGlossiness": {"diffuseFactor": [0, 0, 1, 1]}},
     })));
     assert_eq!((both.0.material.base_color, both.0.material.metallic), ([1.0; 4], 0.5));
+}
+
+#[test]
+fn extensions_of_materials_that_are_left_out_are_named_once_with_the_number_of_materials() {
+    let mut model = Model::quad();
+    let layers =
+        json!({"KHR_materials_clearcoat": {"clearcoatFactor": 1}, "KHR_materials_ior": {"ior": 1.3}});
+    let glass = json!({"KHR_materials_transmission": {"transmissionFactor": 1}, "KHR_materials_ior": {"ior": 1.5},
+        "KHR_materials_volume": {}, "KHR_materials_unlit": {}, "FB_of_its_own": {}});
+    model.json["materials"] = json!([{"extensions": layers}, {"extensions": layers}, {"extensions": glass}]);
+    // Listed or not.
+    model.json["extensionsUsed"] = json!(["KHR_materials_ior", "KHR_materials_transmission"]);
+    let [warning] = &model.read().unwrap().warnings[..] else { panic!() };
+    let expected = "ignored: extension KHR_materials_clearcoat (2), extension KHR_materials_ior (3), extension \
+                    KHR_materials_transmission drawn as opacity unless it has a texture, extension KHR_materials_volume";
+    assert!(warning.ends_with(expected), "{warning}");
 }

@@ -15,8 +15,10 @@ use std::path::Path;
 
 use lodestream_scene::asset::{Alpha, MAX_EMISSION, MAX_NORMAL_SCALE, Material};
 
+use crate::beside::Beside;
 use crate::model::{Channel, Component, HeightMap, ImageSource, ImportedMaterial, MaterialMaps, SurfaceMap};
 use crate::srgb::srgb_to_linear;
+use crate::text::utf8;
 use options::TextureOptions;
 pub(super) use options::locate;
 use sanitise::sanitise;
@@ -29,15 +31,15 @@ const MAX_WARNINGS: usize = 20;
 /// Materials by name; the last definition of a name is used, as in `tobj`.
 pub(super) type Library = BTreeMap<String, ImportedMaterial>;
 
-/// Reads one MTL file of a model in folder `root` into `library`. Unusable lines become warnings.
-pub(super) fn load(root: &Path, path: &Path, library: &mut Library, warnings: &mut Vec<String>) {
+/// Reads one MTL file of a model into `library`. Unusable lines become warnings.
+pub(super) fn load(beside: &Beside, path: &Path, library: &mut Library, warnings: &mut Vec<String>) {
     match crate::file::read_file(path, MAX_MTL_BYTES) {
-        Ok(bytes) => parse(root, path, &bytes, library, warnings),
+        Ok(bytes) => parse(beside, path, &utf8(&bytes), library, warnings),
         Err(error) => warnings.push(format!("{error}; faces that use its materials become grey")),
     }
 }
 
-fn parse(root: &Path, path: &Path, bytes: &[u8], library: &mut Library, warnings: &mut Vec<String>) {
+fn parse(beside: &Beside, path: &Path, bytes: &[u8], library: &mut Library, warnings: &mut Vec<String>) {
     let mut found = Vec::new();
     let text = sanitise(&String::from_utf8_lossy(bytes), &mut found);
     let left_out = found.len().saturating_sub(MAX_WARNINGS);
@@ -48,9 +50,9 @@ fn parse(root: &Path, path: &Path, bytes: &[u8], library: &mut Library, warnings
     }
     match tobj::load_mtl_buf(&mut text.as_bytes()) {
         Ok((materials, _)) => {
-            let folder = path.parent().unwrap_or(Path::new(""));
+            let here = Beside::new(path);
             for material in materials {
-                let mut textures = Textures { root, folder, file: path, warnings };
+                let mut textures = Textures { beside, here: &here, file: path, warnings };
                 library.insert(material.name.clone(), convert(&material, &mut textures));
             }
         }
@@ -60,15 +62,15 @@ fn parse(root: &Path, path: &Path, bytes: &[u8], library: &mut Library, warnings
 
 /// Resolves the textures of one material; unusable ones become warnings.
 struct Textures<'a> {
-    root: &'a Path,
-    folder: &'a Path,
+    beside: &'a Beside,
+    here: &'a Beside,
     file: &'a Path,
     warnings: &'a mut Vec<String>,
 }
 
 impl Textures<'_> {
     fn image(&mut self, texture: Option<&TextureOptions>) -> Option<ImageSource> {
-        let found = options::locate(self.root, self.folder, &texture?.file);
+        let found = options::locate(self.beside, self.here, &texture?.file);
         found.map_err(|why| self.warn(&why.to_string())).ok().map(Into::into)
     }
 

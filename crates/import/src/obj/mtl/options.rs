@@ -4,6 +4,7 @@ use std::path::{Component as PathPart, Path, PathBuf};
 
 use lodestream_scene::asset::Wrap;
 
+use crate::beside::Beside;
 use crate::model::Component;
 
 /// Options and file name of a texture line.
@@ -72,13 +73,25 @@ fn split_word(text: &str) -> (&str, &str) {
 #[error("{0:?} is not in the model's folder or below it and is left out; put the file there")]
 pub(in crate::obj) struct OutsideFolder(String);
 
-/// Resolves a file name relative to `folder`, within `root`, the model's folder. Backslashes are separators if the name as
-/// written does not exist (files written on Windows).
+/// Resolves a file name in a file of the folder `here`, within the model's folder, `beside`. Backslashes are separators if
+/// the name as written does not exist (files written on Windows). A file that does not exist where it should be is looked
+/// for by its name in the model's folder, then in the other.
 ///
 /// # Errors
-/// Names outside the model's folder.
-pub(in crate::obj) fn locate(root: &Path, folder: &Path, name: &str) -> Result<PathBuf, OutsideFolder> {
+/// Names outside the model's folder of files that are not found in it.
+pub(in crate::obj) fn locate(beside: &Beside, here: &Beside, name: &str) -> Result<PathBuf, OutsideFolder> {
     let name = name.trim().trim_matches('"');
+    let stated = stated(beside.folder(), here.folder(), name);
+    if let Ok(path) = &stated
+        && path.exists()
+    {
+        return stated;
+    }
+    beside.named(name).or_else(|| here.named(name)).map_or(stated, Ok)
+}
+
+/// The path that a name states, whether it exists or not.
+fn stated(root: &Path, folder: &Path, name: &str) -> Result<PathBuf, OutsideFolder> {
     let inside = |name: &str| {
         let below = folder.strip_prefix(root).unwrap_or(Path::new(""));
         let depth = below.components().chain(Path::new(name).components()).try_fold(

@@ -6,7 +6,13 @@ use super::*;
 
 fn read(text: &str) -> (Library, Vec<String>) {
     let (mut library, mut warnings) = (Library::new(), Vec::new());
-    parse(Path::new("dir"), Path::new("dir/m.mtl"), text.as_bytes(), &mut library, &mut warnings);
+    parse(
+        &Beside::new(Path::new("dir/a.obj")),
+        Path::new("dir/m.mtl"),
+        text.as_bytes(),
+        &mut library,
+        &mut warnings,
+    );
     (library, warnings)
 }
 
@@ -56,7 +62,7 @@ fn bad_lines_are_warned_of_and_the_rest_is_used() {
 fn random_bytes_give_no_material_and_no_panic() {
     let noise: Vec<u8> = (0..20_000u32).map(|i| (i.wrapping_mul(2_654_435_761) >> 13) as u8).collect();
     let (mut library, mut warnings) = (Library::new(), Vec::new());
-    parse(Path::new(""), Path::new("x.mtl"), &noise, &mut library, &mut warnings);
+    parse(&Beside::new(Path::new("a.obj")), Path::new("x.mtl"), &noise, &mut library, &mut warnings);
     assert!(library.is_empty());
     assert!(warnings.len() <= MAX_WARNINGS + 1);
 }
