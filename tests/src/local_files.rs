@@ -150,6 +150,9 @@ fn middle(picture: &RgbImage, bright: [bool; 3]) -> Option<f64> {
     (columns.len() > 100).then(|| columns.iter().sum::<f64>() / columns.len() as f64)
 }
 
+/// Columns between which the pointer drags the scene, some tens of degrees: the balls come closer to each other.
+const DRAG: [i16; 2] = [220, 100];
+
 const RED: [bool; 3] = [true, false, false];
 const GREEN: [bool; 3] = [false, true, false];
 const MAGENTA: [bool; 3] = [true, false, true];
@@ -181,27 +184,26 @@ fn a_changed_file_is_shown_anew_from_the_same_camera() {
             std::thread::sleep(Duration::from_millis(50));
         }
     };
-    let is_left = |picture: &RgbImage, left: [bool; 3], right: [bool; 3]| {
-        middle(picture, left).zip(middle(picture, right)).is_some_and(|(left, right)| left + 20.0 < right)
-    };
-    wait("the first picture", &|picture| is_left(picture, RED, GREEN));
-    // Half a turn.
-    window.point_at(10, 90);
+    // How far right of the left ball the right one is.
+    let apart = |picture: &RgbImage, left: [bool; 3]| Some(middle(picture, GREEN)? - middle(picture, left)?);
+    wait("the first picture", &|picture| apart(picture, RED).is_some_and(|px| px > 50.0));
+    let first = apart(&window.picture(SIZE_PX), RED).unwrap();
+    let [from, to] = DRAG;
+    window.point_at(from, 90);
     window.hold_left();
-    let mut column = 10;
-    while !is_left(&window.picture(SIZE_PX), GREEN, RED) {
-        column += 10;
-        assert!(column < 3000, "the drag turns nothing");
-        window.point_at(10 + column % 300, 90);
-        std::thread::sleep(Duration::from_millis(100));
-        if column % 300 == 290 {
-            break;
-        }
+    for column in (to..from).rev().step_by(10) {
+        window.point_at(column, 90);
     }
-    wait("the turn", &|picture| is_left(picture, GREEN, RED));
+    let turned = |picture: &RgbImage, left| apart(picture, left).filter(|px| (px - first).abs() > 15.0);
+    wait("the turn", &|picture| turned(picture, RED).is_some());
+    // Until it rests.
+    wait("rest", &|picture| {
+        std::thread::sleep(Duration::from_secs(1));
+        turned(picture, RED).is_some() && *picture == window.picture(SIZE_PX)
+    });
+    let rests = turned(&window.picture(SIZE_PX), RED).unwrap();
     write_balls(folder.path(), "0.5 0.02 0.42");
-    wait("the change", &|picture| middle(picture, MAGENTA).is_some());
-    wait("the camera's place", &|picture| is_left(picture, GREEN, MAGENTA));
+    wait("the change", &|picture| turned(picture, MAGENTA).is_some_and(|px| (px - rests).abs() < 5.0));
     program.close();
     let ended = program.end();
     assert_eq!(ended.status.code(), Some(0), "{}", errors(&ended));
