@@ -19,6 +19,26 @@ use super::target::published;
 const ATTEMPTS: u32 = 20;
 const PAUSE: Duration = Duration::from_millis(5);
 
+/// The program's folder, for its end at once.
+static FOLDER: Mutex<Option<PathBuf>> = Mutex::new(None);
+
+/// Removes the program's folder and unfinished files, where it ends without [`SceneFolder::close`].
+pub(crate) fn remove_at_once() {
+    abandon_unfinished();
+    if let Some(folder) = FOLDER.lock().unwrap_or_else(PoisonError::into_inner).take() {
+        remove(&folder);
+    }
+}
+
+fn remove(folder: &Path) {
+    for _ in 0..ATTEMPTS {
+        if std::fs::remove_dir_all(folder).is_ok() || !folder.exists() {
+            return;
+        }
+        std::thread::sleep(PAUSE);
+    }
+}
+
 /// The folder.
 #[derive(Debug)]
 pub(super) struct SceneFolder {
@@ -51,6 +71,7 @@ impl SceneFolder {
         // Without it, another program removes the folder if it is a week old.
         let _ = lock.try_lock();
         let path = folder.path().to_owned();
+        *FOLDER.lock().unwrap_or_else(PoisonError::into_inner) = Some(path.clone());
         Ok(Self { path, state: Mutex::new(State { folder: Some(folder), _lock: lock, scenes: 0 }) })
     }
 
@@ -82,13 +103,7 @@ impl SceneFolder {
         let folder = self.state.lock().unwrap_or_else(PoisonError::into_inner).folder.take();
         abandon_unfinished();
         if let Some(folder) = folder {
-            let path = folder.keep();
-            for _ in 0..ATTEMPTS {
-                if std::fs::remove_dir_all(&path).is_ok() || !path.exists() {
-                    return;
-                }
-                std::thread::sleep(PAUSE);
-            }
+            remove(&folder.keep());
         }
     }
 }

@@ -15,5 +15,6 @@ mod share;
 mod stamp;
 mod target;
 
+pub(crate) use folder::remove_at_once;
 pub(crate) use preparation::{LocalOptions, Preparation};
 pub(crate) use target::Target;
