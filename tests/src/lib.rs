@@ -18,6 +18,7 @@
 //! | `packs` | deterministic packs; caches; exports; checks |
 //! | `bad_input` | wrong input by users, and packs damaged on disk |
 //! | `window` | the viewer's program: first and last frame on the screen, and exit |
+//! | `local_files` | files that the viewer prepares itself |
 //! | `moving_window` | the same with a moving camera: nothing disappears |
 //! | `browser` | the page in a tab: picture, input, reconnection |
 //! | `damage` | packs damaged while they are served |
@@ -66,6 +67,8 @@ mod imports;
 mod interface;
 #[cfg(test)]
 mod limiter;
+#[cfg(test)]
+mod local_files;
 #[cfg(test)]
 mod merged_parts;
 #[cfg(test)]

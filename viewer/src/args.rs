@@ -1,5 +1,7 @@
 //! Command line of the viewer.
 
+use std::ffi::OsString;
+use std::net::SocketAddr;
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
 use std::str::FromStr;
@@ -10,7 +12,6 @@ use glam::DVec3;
 use lodestream_scene::description::Camera;
 use lodestream_scene::view::View;
 
-use lodestream_client::net::Address;
 use lodestream_render::{
     AntiAliasing, DebugView, Ink, MAX_INK_LEVELS, MAX_INK_WIDTH, MAX_REFLECTION_STEPS, OcclusionMethod,
     OcclusionNormals, ReflectionMethod, ReliefMethod, ToneMapping, VerticalExaggeration,
@@ -19,14 +20,27 @@ use lodestream_render::{
 use crate::outcome::EXIT_CODES;
 use crate::part_args::{PartArg, PixelArg, TintArg};
 
-/// Streams a scene from a Lodestream server and draws it.
+/// Shows models and scenes: those of files, and those that a Lodestream server streams.
 #[derive(Clone, Debug, Parser)]
 #[command(name = "lodestream-viewer", version, about, after_help = EXIT_CODES)]
 pub(crate) struct Args {
-    /// The server: quic://HOST:PORT#PIN (as the server prints it), wss://HOST:PORT or ws://HOST:PORT; of
-    /// a server with several scenes, with the scene's name behind it: ws://HOST:PORT/NAME.
-    /// Without a fingerprint, the certificate must be signed by an authority that the system trusts
-    pub(crate) address: Address,
+    /// What to show: models (OBJ, glTF, GLB, PLY, STL) and packs (.lsp), side by side, or a folder of them; a scene file
+    /// (.toml), a published scene (.lss) or a folder with one; or a server's address: quic://HOST:PORT#PIN (as the
+    /// server prints it), wss://HOST:PORT or ws://HOST:PORT; of a server with several scenes, with the scene's name behind
+    /// it: ws://HOST:PORT/NAME. Without a fingerprint, the certificate must be signed by an authority that the system trusts
+    #[arg(value_name = "FILE | ADDRESS", required = true)]
+    pub(crate) files: Vec<OsString>,
+    /// Show files anew when they change; the camera stays
+    #[arg(long, conflicts_with = "headless")]
+    pub(crate) watch: bool,
+    /// Serve what is shown to other viewers, once it is prepared, and print its address; anyone who reaches the address
+    /// may see it
+    #[arg(long, value_name = "IP:PORT", num_args = 0..=1, require_equals = true,
+        default_missing_value = "0.0.0.0:4433", conflicts_with = "headless")]
+    pub(crate) share: Option<SocketAddr>,
+    /// Folder of files' prepared packs [default: $XDG_CACHE_HOME/lodestream or ~/.cache/lodestream]
+    #[arg(long, env = "LODESTREAM_CACHE", value_name = "DIR")]
+    pub(crate) cache: Option<PathBuf>,
     /// Trust only the certificate authorities in this file (PEM), not the system's
     #[arg(long, value_name = "FILE")]
     pub(crate) ca: Option<PathBuf>,
@@ -55,7 +69,7 @@ pub(crate) struct Args {
     /// Exit when the picture is settled, or incomplete with nothing more to arrive
     #[arg(long)]
     pub(crate) exit_when_settled: bool,
-    /// Exit after this time (default with --headless: 300)
+    /// Exit after this time (default with --headless: 300, once files are prepared)
     #[arg(long, value_name = "SECONDS")]
     pub(crate) timeout: Option<Seconds>,
     /// Write the run's statistics as JSON
@@ -419,7 +433,7 @@ mod tests {
         assert!("0".parse::<PixelError>().is_err() && "nan".parse::<PixelError>().is_err());
         assert!("0".parse::<Seconds>().is_err() && "1e300".parse::<Seconds>().is_err());
         assert!(Args::try_parse_from(["viewer", "ws://h:1", "--headless"]).is_err());
-        assert!(Args::try_parse_from(["viewer", "quic://h:1#sha256="]).is_err());
+        assert!(Args::try_parse_from(["viewer"]).is_err());
         let args = Args::try_parse_from([
             "viewer",
             "ws://h:1",

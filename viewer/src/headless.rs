@@ -1,10 +1,11 @@
 //! Headless mode: streams until the picture is settled, then writes it.
 
+use std::path::PathBuf;
 use std::sync::mpsc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use anyhow::{Context, bail};
-use lodestream_client::net::Retry;
+use lodestream_client::net::{Address, Retry};
 use lodestream_client::streaming::{Status, Streaming};
 use lodestream_render::{Counters, Frame, Gpu, Headless, SceneView};
 use lodestream_scene::description::Camera;
@@ -12,6 +13,7 @@ use lodestream_scene::description::Camera;
 use crate::args::Args;
 use crate::files::write_png;
 use crate::frames::FrameLog;
+use crate::local::{LocalOptions, Preparation, Target};
 use crate::outcome::{Outcome, describe_end, describe_missing};
 use crate::run::{core_config, server, settings, write_statistics};
 use crate::{part_names, parts, signals, token};
@@ -33,7 +35,7 @@ enum Event {
 ///
 /// # Errors
 /// One line with the fault and the remedy.
-pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
+pub(crate) fn run(args: &Args, target: Target) -> anyhow::Result<Outcome> {
     let output = args.output.as_ref().context("--headless needs --output FILE.png")?;
     let [width, height] = args.window.0;
     // A notification is dropped if one waits already. A signal waits for room.
@@ -44,10 +46,20 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
         let _ = ending.send(Event::End(signal));
     })?;
     let retry = Retry { first_attempts: ATTEMPTS, ..Retry::default() };
-    // Before the device is opened: the server answers meanwhile.
-    let mut streaming = Streaming::start(server(args)?, core_config(args)?, retry, move || {
+    let transport = target.transport();
+    let notify = move || {
         let _ = sender.try_send(Event::Streaming);
-    })?;
+    };
+    // Kept until the program ends: the scene is read from its folder.
+    let (_preparation, address) = match target {
+        Target::Stream(address) => (None, address),
+        Target::Files(files) => match prepare(args, files, notify.clone(), &events)? {
+            Ok((preparation, address)) => (Some(preparation), address),
+            Err(signal) => return Ok(Outcome::Interrupted(signal)),
+        },
+    };
+    // Before the device is opened: the server answers meanwhile.
+    let mut streaming = Streaming::start(server(args, &address)?, core_config(args)?, retry, notify)?;
     token::follow(args.token_file.as_ref(), &streaming)?;
     streaming.pin_instances(parts::instances(args));
     let mut headless = Headless::new(Gpu::headless()?, width, height)?;
@@ -110,7 +122,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
         }
         if let Ok(Event::End(signal)) = events.recv_timeout(left.min(Duration::from_millis(100))) {
             shown.note_times(headless.timings());
-            write_statistics(args, &status.stats, &shown)?;
+            write_statistics(args, transport, &status.stats, &shown)?;
             tracing::warn!("interrupted: no picture was written");
             return Ok(Outcome::Interrupted(signal));
         }
@@ -131,8 +143,35 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
     if status.settled {
         shown.note_settled(clock.now().into());
     }
-    write_statistics(args, &status.stats, &shown)?;
+    write_statistics(args, transport, &status.stats, &shown)?;
     Ok(outcome)
+}
+
+/// Prepares files and waits for it; gives the preparation and the scene's address, or the number of a signal.
+fn prepare(
+    args: &Args,
+    files: Vec<PathBuf>,
+    notify: impl Fn() + Clone + Send + 'static,
+    events: &mpsc::Receiver<Event>,
+) -> anyhow::Result<Result<(Preparation, Address), u8>> {
+    let options = LocalOptions { cache: args.cache.clone(), ..LocalOptions::default() };
+    let preparation = Preparation::start(files, options, notify)?;
+    let begun = Instant::now();
+    loop {
+        if let Some(why) = preparation.take_failure() {
+            return Err(why);
+        }
+        if let Some(ready) = preparation.take_ready() {
+            return Ok(Ok((preparation, ready.address)));
+        }
+        if args.timeout.is_some_and(|limit| begun.elapsed() >= limit.0) {
+            bail!("nothing is prepared within the time of --timeout: raise it");
+        }
+        if let Ok(Event::End(signal)) = events.recv_timeout(Duration::from_millis(100)) {
+            tracing::warn!("interrupted: no picture was written");
+            return Ok(Err(signal));
+        }
+    }
 }
 
 fn seconds(duration: Duration) -> f32 {

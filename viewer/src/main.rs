@@ -6,6 +6,7 @@ mod files;
 mod frames;
 mod generate;
 mod headless;
+mod local;
 mod log;
 mod outcome;
 mod part_args;
@@ -23,6 +24,7 @@ use std::process::ExitCode;
 
 use args::Args;
 use clap::Parser;
+use local::Target;
 use outcome::Outcome;
 
 fn main() -> ExitCode {
@@ -64,6 +66,7 @@ fn run() -> anyhow::Result<Outcome> {
         return Ok(Outcome::Finished);
     }
     let args = Args::parse_from(arguments);
-    run::check(&args)?;
-    if args.headless { headless::run(&args) } else { window::run(&args) }
+    let target = Target::of(&args.files)?;
+    run::check(&args, &target)?;
+    if args.headless { headless::run(&args, target) } else { window::run(&args, target) }
 }

@@ -6,7 +6,7 @@ use std::path::Path;
 use anyhow::{Context as _, bail};
 use lodestream_client::Threads;
 use lodestream_client::core::{Config, Decoders, StartView, Stats};
-use lodestream_client::net::{Authorities, Scheme, Server};
+use lodestream_client::net::{Address, Authorities, Scheme, Server};
 use lodestream_render::{
     AmbientOcclusion, AntiAliasing, Bloom, DebugView, Ink, LightCulling, OcclusionMethod, PnTriangles,
     Reflections, Settings, Shadows,
@@ -16,6 +16,7 @@ use crate::args::{Args, StillMethod};
 use crate::figures::StatisticsTable;
 use crate::files::write_json;
 use crate::frames::FrameLog;
+use crate::local::Target;
 use crate::report::Report;
 use crate::token;
 
@@ -26,7 +27,16 @@ const MAX_CA_BYTES: u64 = 4 << 20;
 ///
 /// # Errors
 /// Names them.
-pub(crate) fn check(args: &Args) -> anyhow::Result<()> {
+pub(crate) fn check(args: &Args, target: &Target) -> anyhow::Result<()> {
+    if matches!(target, Target::Stream(_)) && args.watch {
+        bail!("--watch is for files; a server tells the viewer itself when its scene has changed");
+    }
+    if matches!(target, Target::Stream(_)) && args.share.is_some() {
+        bail!("--share is for files; others can open the address that you have opened");
+    }
+    if matches!(target, Target::Files(_)) && args.ca.is_some() {
+        bail!("--ca has no effect: a file needs no certificate");
+    }
     if args.occlusion_half && args.occlusion_method == OcclusionMethod::HbaoPlus {
         bail!(
             "--occlusion-half does not work with --occlusion-method hbao-plus, whose layers need every pixel: leave one out"
@@ -35,15 +45,15 @@ pub(crate) fn check(args: &Args) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// The server to stream from, with the certificate authorities to trust.
+/// The server to stream from at an address, with the certificate authorities to trust.
 ///
 /// # Errors
 /// The file of certificate authorities cannot be used.
-pub(crate) fn server(args: &Args) -> anyhow::Result<Server> {
-    let mut server = Server::from(args.address.clone());
+pub(crate) fn server(args: &Args, address: &Address) -> anyhow::Result<Server> {
+    let mut server = Server::from(address.clone());
     if let Some(file) = &args.ca {
-        let why = match args.address.scheme {
-            _ if args.address.pin.is_some() => {
+        let why = match address.scheme {
+            _ if address.pin.is_some() => {
                 Some("the address has a fingerprint, which is checked instead; leave out the part from # on")
             }
             Scheme::WebSocket => Some("ws:// does not use TLS; write wss://"),
@@ -128,8 +138,13 @@ pub(crate) fn settings(args: &Args, software: bool) -> Settings {
 }
 
 /// Prints the table of `--figures` and writes the file of `--stats`.
-pub(crate) fn write_statistics(args: &Args, stats: &Stats, shown: &FrameLog) -> anyhow::Result<()> {
-    let report = Report::new(stats, args.address.transport(), shown);
+pub(crate) fn write_statistics(
+    args: &Args,
+    transport: &'static str,
+    stats: &Stats,
+    shown: &FrameLog,
+) -> anyhow::Result<()> {
+    let report = Report::new(stats, transport, shown);
     if args.figures {
         // A closed pipe is not an error.
         let _ = write!(std::io::stdout(), "{}", StatisticsTable(&report));
@@ -246,7 +261,9 @@ mod tests {
         assert_eq!(half, Some(AmbientOcclusion { half: true, ..AmbientOcclusion::default() }));
         for (method, allowed) in [("gtao", true), ("hbao-plus", false)] {
             let words = ["viewer", "--occlusion-half", "--occlusion-method", method, "ws://h:1"];
-            assert_eq!(check(&Args::try_parse_from(words).unwrap()).is_ok(), allowed);
+            let args = Args::try_parse_from(words).unwrap();
+            let target = Target::of(&args.files).unwrap();
+            assert_eq!(check(&args, &target).is_ok(), allowed);
         }
         for normals in OcclusionNormals::ALL {
             let occlusion = of(&["--occlusion-normals", normals.name()], true).occlusion;

@@ -1,5 +1,7 @@
 //! SIGINT and SIGTERM (Ctrl-C and `kill`). SIGHUP keeps its default, so that `nohup` works.
 
+use crate::local::remove_at_once;
+
 /// Calls `handler` with the number of the first signal; the second ends the program at once.
 ///
 /// # Errors
@@ -14,6 +16,7 @@ pub(crate) fn on_termination(handler: impl FnOnce(u8) + Send + 'static) -> std::
     std::thread::Builder::new().name("signals".into()).spawn(move || {
         handler(runtime.block_on(signals.next()));
         let second = runtime.block_on(signals.next());
+        remove_at_once();
         std::process::exit(128 + i32::from(second));
     })?;
     Ok(())

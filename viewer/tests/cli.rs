@@ -44,8 +44,26 @@ fn invalid_addresses_are_refused() {
 }
 
 #[test]
+fn what_is_neither_a_file_nor_an_address_is_refused_as_both() {
+    let message = refused(&["no such model.obj"], &["no file or folder", "model.obj", "server address"]);
+    assert_eq!(message.trim_end().lines().count(), 1, "{message}");
+    refused(&[], &["FILE | ADDRESS"]);
+    let folder = tempfile::tempdir().unwrap();
+    refused(&[folder.path().to_str().unwrap()], &["has no model"]);
+    let notes = folder.path().join("notes.txt");
+    std::fs::write(&notes, "no model").unwrap();
+    let cache = folder.path().join("cache");
+    let arguments =
+        [notes.to_str().unwrap(), "--headless", "--output", "x.png", "--cache", cache.to_str().unwrap()];
+    refused(&arguments, &["notes.txt"]);
+}
+
+#[test]
 fn contradictory_options_are_refused() {
     let address = "ws://localhost:1";
+    refused(&[address, "--watch"], &["--watch is for files"]);
+    refused(&[address, "--share"], &["--share is for files"]);
+    refused(&[address, address], &["name it alone"]);
     refused(&[address, "--headless"], &["--output"]);
     refused(&[address, "--window", "big"], &["WIDTHxHEIGHT"]);
     refused(&[address, "--camera", "eye=1,2"], &["eye"]);

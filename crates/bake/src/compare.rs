@@ -81,7 +81,7 @@ pub fn compare(pack: &PackFile, model: &Path, part: &Part) -> Result<Difference,
     let asset = pack.load()?;
     let settings_error = |why| CompareError::Settings { path: pack.path().to_owned(), why };
     let preparation_settings: PreparationSettings = pack.settings()?.parse().map_err(settings_error)?;
-    let crease = preparation_settings.crease_angle.unwrap_or_default();
+    let crease = preparation_settings.crease_angle();
     let imported = lodestream_import::import_part(model, part, crease).map_err(PrepareError::from)?;
     let mut mesh = quantise(&imported.mesh, &preparation_settings.quantise_settings())
         .map_err(|source| PrepareError::Mesh { path: model.to_owned(), source })?;

@@ -7,11 +7,14 @@
 //! | [`sources`] | model files read once, and memos of what was found in them |
 //! | [`prepare`] | a model to a pack: cache, checkpoints, progress, threads |
 //! | [`proxies`] | meshes that stand for many instances of a scene |
+//! | [`whole_scene`] | a scene with all its packs, opened or published in a folder |
+//! | `cluster` | coarse meshes by vertex clustering |
 //! | [`compose`] | composition of a scene description from prepared models |
 //! | [`mapping_allocator`] | an allocator that maps large lists to files, for models larger than memory |
 //! | [`compare`], [`inspect`], [`export_obj`] | comparison of a pack with its model, statistics, export |
 //! | [`stderr`], [`warnings`] | messages on standard error |
 
+mod cluster;
 pub mod compare;
 pub mod compose;
 pub mod export_obj;
@@ -24,3 +27,4 @@ pub mod scene;
 pub mod sources;
 pub mod stderr;
 pub mod warnings;
+pub mod whole_scene;

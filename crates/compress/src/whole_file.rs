@@ -1,8 +1,10 @@
 //! Atomic file writes: a file is complete or absent.
 
+use std::collections::BTreeSet;
 use std::fs::Metadata;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, SystemTime};
 
 /// Prefix of temporary files and folders.
@@ -12,6 +14,47 @@ pub const SUFFIX: &str = ".part";
 /// Age after which a temporary file is stale. Contents are complete in memory before writing starts, so writing is
 /// quick.
 const STALE_AFTER: Duration = Duration::from_secs(60 * 60);
+
+/// Temporary files that this process is writing; `None` once they are abandoned.
+static UNFINISHED: Mutex<Option<BTreeSet<PathBuf>>> = Mutex::new(Some(BTreeSet::new()));
+
+fn unfinished() -> MutexGuard<'static, Option<BTreeSet<PathBuf>>> {
+    UNFINISHED.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Removes the temporary files that other threads of this process are writing, whose writes then fail, and refuses all
+/// later writes: for a program that ends without waiting for these threads.
+pub fn abandon_unfinished() {
+    for path in unfinished().take().into_iter().flatten() {
+        let _ = std::fs::remove_file(path);
+    }
+}
+
+/// A temporary file among [`UNFINISHED`] while it lives.
+struct Unfinished(PathBuf);
+
+impl Drop for Unfinished {
+    fn drop(&mut self) {
+        if let Some(all) = unfinished().as_mut() {
+            all.remove(&self.0);
+        }
+    }
+}
+
+/// Creates a temporary file and records it.
+fn create(
+    builder: &tempfile::Builder<'_, '_>,
+    folder: &Path,
+) -> io::Result<(tempfile::NamedTempFile, Unfinished)> {
+    let mut all = unfinished();
+    let Some(all) = all.as_mut() else {
+        return Err(io::Error::new(io::ErrorKind::Interrupted, "the program is ending"));
+    };
+    let temporary = builder.tempfile_in(folder)?;
+    all.insert(temporary.path().to_owned());
+    let record = Unfinished(temporary.path().to_owned());
+    Ok((temporary, record))
+}
 
 /// Removes temporary files that killed processes left in a folder. Files that cannot be examined or removed stay.
 pub fn remove_stale(folder: &Path, now: SystemTime) {
@@ -81,7 +124,7 @@ fn write_by(
         Some(folder) if !folder.as_os_str().is_empty() => folder,
         _ => Path::new("."),
     };
-    let temporary = builder.prefix(PREFIX).suffix(SUFFIX).tempfile_in(folder)?;
+    let (temporary, _record) = create(builder.prefix(PREFIX).suffix(SUFFIX), folder)?;
     let mut buffered = io::BufWriter::with_capacity(1 << 20, temporary);
     write(&mut buffered)?;
     let temporary = buffered.into_inner().map_err(io::IntoInnerError::into_error)?;
@@ -111,6 +154,33 @@ mod tests {
         assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 1);
         write_atomically(&path, |out| out.write_all(b"new")).unwrap();
         assert_eq!(std::fs::read(&path).unwrap(), b"new");
+    }
+
+    /// In a process of its own: later writes of the process fail.
+    #[test]
+    fn abandoned_files_are_removed_and_later_writes_fail() {
+        const CHILD: &str = "LODESTREAM_TEST_CHILD";
+        let name = "whole_file::tests::abandoned_files_are_removed_and_later_writes_fail";
+        if std::env::var_os(CHILD).is_none() {
+            let mut child = std::process::Command::new(std::env::current_exe().unwrap());
+            let output = child.args(["--exact", name]).env(CHILD, "1").output().unwrap();
+            let text = String::from_utf8_lossy(&output.stdout).into_owned();
+            assert!(output.status.success() && text.contains("1 passed"), "{text}");
+            return;
+        }
+        let dir = tempfile::TempDir::new().unwrap();
+        let files = || std::fs::read_dir(dir.path()).unwrap().count();
+        let path = dir.path().join("a.lsp");
+        write_atomically(&path, |out| out.write_all(b"before")).unwrap();
+        let interrupted = write_atomically(&path, |out| {
+            out.write_all(&[1; 3 << 20])?;
+            assert_eq!(files(), 2);
+            abandon_unfinished();
+            assert_eq!(files(), 1, "half a file is left");
+            Ok(())
+        });
+        assert!(interrupted.is_err() && write_atomically(&path, |out| out.write_all(b"after")).is_err());
+        assert_eq!((std::fs::read(&path).unwrap(), files()), (b"before".to_vec(), 1));
     }
 
     #[cfg(unix)]

@@ -5,7 +5,7 @@ use std::path::{Component, Path, PathBuf};
 use anyhow::{Context as _, bail};
 use lodestream_import::{MAX_FILE_BYTES, ModelFile, is_streamed};
 
-use super::place::has_ending;
+use lodestream_bake::scene::has_extension;
 use lodestream_store::{Objects, StoreError};
 
 /// Most files that one scene or model may name.
@@ -42,7 +42,7 @@ pub async fn fetch(url: &str, folder: &Path) -> anyhow::Result<PathBuf> {
             let parts: Vec<_> = relative.iter().map(|part| part.to_string_lossy()).collect();
             match objects.download(&parts.join("/"), &named, MAX_FILE_BYTES).await {
                 // Textures are named in the MTL file, so the OBJ file is read again once its MTL file is there.
-                Ok(()) if has_ending(&named, &["mtl"]) => to_read.push(next.clone()),
+                Ok(()) if has_extension(&named, &["mtl"]) => to_read.push(next.clone()),
                 Ok(()) => to_read.push(named),
                 Err(StoreError::NoSuchObject { .. }) => {}
                 Err(why) => return Err(why.into()),
@@ -55,7 +55,7 @@ pub async fn fetch(url: &str, folder: &Path) -> anyhow::Result<PathBuf> {
 /// Paths of the files that a file names.
 fn named_in(file: &Path) -> anyhow::Result<Vec<PathBuf>> {
     let folder = file.parent().unwrap_or(Path::new(""));
-    if has_ending(file, &["toml"]) {
+    if has_extension(file, &["toml"]) {
         let text = std::fs::read_to_string(file).with_context(|| file.display().to_string())?;
         // Errors of syntax are reported when the file is read as a scene.
         let Ok(table) = text.parse::<toml::Table>() else { return Ok(Vec::new()) };
@@ -68,7 +68,7 @@ fn named_in(file: &Path) -> anyhow::Result<Vec<PathBuf>> {
     if is_streamed(file) {
         return Ok(ModelFile::streamed(file).dependencies().to_vec());
     }
-    if !has_ending(file, &["obj", "gltf", "glb"]) {
+    if !has_extension(file, &["obj", "gltf", "glb"]) {
         return Ok(Vec::new());
     }
     let bytes = lodestream_import::read_file(file, MAX_FILE_BYTES)?;

@@ -14,12 +14,11 @@ use tokio::sync::Mutex;
 use tokio::task::spawn_blocking;
 
 use super::place::{Place, SceneLocation};
-use lodestream_bake::prepare::{Options, prepare_all_of};
-use lodestream_bake::proxies;
+use lodestream_bake::prepare::Options;
 use lodestream_bake::scene;
 use lodestream_bake::sources::Sources;
 use lodestream_bake::stderr::write_line;
-use lodestream_bake::warnings::Warnings;
+use lodestream_bake::whole_scene::WholeScene;
 use lodestream_daemon::{SceneProvider, SceneUpdate, Scenes};
 use lodestream_store::{BlobCache, SceneStore};
 
@@ -140,7 +139,7 @@ impl Catalogue {
             }
             SceneLocation::Files(words) => {
                 let (words, folder, blobs) = (words.clone(), self.folder.clone(), self.blobs.clone());
-                let options = Options { quiet: quiet || self.options.quiet, ..self.options };
+                let options = Options { quiet: quiet || self.options.quiet, ..self.options.clone() };
                 let opened = spawn_blocking(move || open_files(&words, &folder, &options, &blobs)).await;
                 opened.unwrap_or_else(|why| (Known::default(), Err(why).context("preparing was cut short")))
             }
@@ -193,30 +192,13 @@ fn read_files(
     let sources = Sources::in_folder(folder);
     let scene = scene::of_files_in(words, &options.preparation_settings, &sources)?;
     files.extend(scene.files.iter().chain(scene.assets.iter().map(|asset| &asset.file)).cloned());
-    let mut warnings = Warnings::default();
-    let prepared = prepare_all_of(&scene.assets, folder, options, &sources, |number, cached| {
-        if let Some(report) = &cached.report {
-            warnings.add(&scene.assets[number].file, &report.warnings);
-            write_line(format_args!("{}: {report}", scene.assets[number].name));
-        }
-    });
-    warnings.lines().for_each(|warning| write_line(format_args!("warning: {warning}")));
-    let prepared = prepared?;
+    let whole = WholeScene::prepare(scene, folder, options, &sources)?;
     // Files that were kept for further packs.
     drop(sources);
-    let mut packs = Vec::with_capacity(prepared.len());
-    for cached in prepared {
-        files.extend(cached.files);
-        packs.push(cached.pack);
-    }
-    // Assets of one model name the same files.
+    files.extend_from_slice(&whole.files);
     files.sort_unstable();
     files.dedup();
-    let forest = proxies::make(&scene, &packs, folder, options)?;
-    if let Some(forest) = forest.as_ref().filter(|forest| forest.prepared > 0) {
-        write_line(format_args!("{}: {forest}", scene.name));
-    }
-    Ok(lodestream_bake::compose::open_with(&scene, packs, forest, blobs)?)
+    Ok(whole.open(blobs)?)
 }
 
 /// The stamp of a scene, computed without reading its contents.

@@ -4,13 +4,11 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, bail};
 
-use lodestream_bake::scene::SceneError;
+use lodestream_bake::scene::{MODEL_EXTENSIONS, SceneError, has_extension};
 use lodestream_store::{ObjectEntry, Objects};
 
 /// Extension of published scenes.
 pub(super) const PUBLISHED: &str = ".lss";
-/// Extensions of models.
-const MODELS: [&str; 5] = ["obj", "gltf", "glb", "ply", "stl"];
 
 /// A source of scenes.
 #[derive(Clone, Debug)]
@@ -64,9 +62,9 @@ impl Place {
                 } else {
                     Self::Published(Objects::of_folder(word)?, None)
                 });
-            } else if has_ending(word, &["toml"]) {
+            } else if has_extension(word, &["toml"]) {
                 places.push(Self::Files(vec![word.clone()]));
-            } else if has_ending(word, &[&PUBLISHED[1..]]) {
+            } else if has_extension(word, &[&PUBLISHED[1..]]) {
                 let folder = word.parent().filter(|folder| !folder.as_os_str().is_empty());
                 let name = word.file_name().unwrap_or_default().to_string_lossy().into_owned();
                 places
@@ -129,7 +127,7 @@ fn scenes_in(folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
         }
     }
     scenes.sort();
-    if scenes.is_empty() { names(folder, &MODELS) } else { Ok(scenes) }
+    if scenes.is_empty() { names(folder, &MODEL_EXTENSIONS) } else { Ok(scenes) }
 }
 
 /// Files in a folder with one of these extensions, sorted by name.
@@ -138,14 +136,10 @@ fn names(folder: &Path, endings: &[&str]) -> anyhow::Result<Vec<PathBuf>> {
     let mut found = Vec::new();
     for file in std::fs::read_dir(folder).with_context(about)? {
         let file = file.with_context(about)?.path();
-        if has_ending(&file, endings) && file.is_file() {
+        if has_extension(&file, endings) && file.is_file() {
             found.push(file);
         }
     }
     found.sort();
     Ok(found)
-}
-
-pub(super) fn has_ending(path: &Path, endings: &[&str]) -> bool {
-    path.extension().is_some_and(|ending| endings.iter().any(|wanted| ending.eq_ignore_ascii_case(wanted)))
 }

@@ -65,6 +65,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         threads: arguments.threads,
         quiet: arguments.quiet,
         keep_levels: arguments.keep_levels,
+        watch: None,
     };
     let Arguments { model, output, .. } = arguments;
     let (to_store, to_pack) =

@@ -46,6 +46,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         threads: arguments.threads,
         quiet: arguments.quiet,
         keep_levels: false,
+        watch: None,
     };
     let (destination, words) =
         arguments.words.split_last().context("name a scene and where to publish it")?;

@@ -220,6 +220,7 @@ pub(super) fn run(
         threads: arguments.threads,
         quiet: false,
         keep_levels: false,
+        watch: None,
     };
     remove_stale(&cache, SystemTime::now());
     remove_stale_levels(&cache, SystemTime::now());

@@ -8,24 +8,18 @@ use winit::event_loop::{ActiveEventLoop, ControlFlow, EventLoopProxy, OwnedDispl
 use winit::keyboard::PhysicalKey;
 use winit::window::WindowId;
 
+use super::event::Event;
 use super::running::Running;
 use super::state::State;
 use crate::args::Args;
+use crate::local::Target;
 use crate::outcome::Outcome;
 use crate::run::write_statistics;
-
-/// Event from another thread.
-#[derive(Clone, Copy, Debug)]
-pub(super) enum Event {
-    /// The streaming thread has a new step or status, or a terrain tile is ready.
-    Streaming,
-    /// A signal of this number has arrived.
-    End(u8),
-}
 
 /// The application.
 pub(super) struct App {
     args: Args,
+    target: Target,
     proxy: EventLoopProxy<Event>,
     display: OwnedDisplayHandle,
     running: Option<Running>,
@@ -34,8 +28,13 @@ pub(super) struct App {
 }
 
 impl App {
-    pub(super) fn new(args: Args, proxy: EventLoopProxy<Event>, display: OwnedDisplayHandle) -> Self {
-        Self { args, proxy, display, running: None, outcome: Outcome::Finished, error: None }
+    pub(super) fn new(
+        args: Args,
+        target: Target,
+        proxy: EventLoopProxy<Event>,
+        display: OwnedDisplayHandle,
+    ) -> Self {
+        Self { args, target, proxy, display, running: None, outcome: Outcome::Finished, error: None }
     }
 
     /// Writes statistics and captured frames after the event loop; returns the run's outcome or error.
@@ -45,7 +44,12 @@ impl App {
         }
         if let Some(mut running) = self.running {
             running.shown.note_times(running.painter.renderer.timings());
-            write_statistics(&self.args, &running.status.status().stats, &running.shown)?;
+            write_statistics(
+                &self.args,
+                self.target.transport(),
+                &running.status.status().stats,
+                &running.shown,
+            )?;
             if let Some(folder) = &self.args.frames {
                 running.capture.write(&running.painter.gpu, folder, running.state != State::Refining)?;
             }
@@ -54,12 +58,7 @@ impl App {
     }
 
     fn start(&self, events: &ActiveEventLoop) -> anyhow::Result<Running> {
-        let proxy = self.proxy.clone();
-        let notify = move || {
-            // Fails only once the window is gone.
-            let _ = proxy.send_event(Event::Streaming);
-        };
-        Running::start(&self.args, notify, self.display.clone(), events)
+        Running::start(&self.args, &self.target, self.proxy.clone(), self.display.clone(), events)
     }
 
     fn fail(&mut self, events: &ActiveEventLoop, error: anyhow::Error) {
@@ -95,10 +94,15 @@ impl ApplicationHandler<Event> for App {
         let Some(running) = &mut self.running else { return };
         // The timeout is checked here too, because an idle window draws no frames.
         let late = self.args.timeout.is_some_and(|limit| running.now() >= limit.0);
-        if running.receive() || running.awaits_answer() || late {
-            running.dirty = true;
-            running.painter.window.request_redraw();
+        match running.receive(&self.args) {
+            Ok(changed) if changed || running.awaits_answer() || late => {
+                running.dirty = true;
+                running.painter.window.request_redraw();
+            }
+            Ok(_) => {}
+            Err(why) => return self.fail(events, why),
         }
+        let Some(running) = &self.running else { return };
         if let Some(why) = running.status.fatal(running.scene.header().is_some()) {
             self.fail(events, anyhow::anyhow!(why));
         }

@@ -1,6 +1,7 @@
 //! Window mode: camera, overlay, and a frame whenever something has changed.
 
 mod app;
+mod event;
 mod frame_capture;
 mod input;
 mod keys;
@@ -16,15 +17,16 @@ use anyhow::{Context, anyhow};
 use winit::event_loop::EventLoop;
 
 use crate::args::Args;
+use crate::local::Target;
 use crate::outcome::Outcome;
 use crate::signals;
-use app::Event;
+use event::Event;
 
 /// Runs the viewer in a window until it is closed.
 ///
 /// # Errors
 /// One line with the fault and the remedy.
-pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
+pub(crate) fn run(args: &Args, target: Target) -> anyhow::Result<Outcome> {
     let events = EventLoop::<Event>::with_user_event().build().map_err(|why| {
         // The window system's message names its source files, which does not help users.
         tracing::debug!("{why}");
@@ -39,7 +41,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Outcome> {
         // Fails only once the window is gone.
         let _ = proxy.send_event(Event::End(signal));
     })?;
-    let mut app = app::App::new(args.clone(), events.create_proxy(), events.owned_display_handle());
+    let mut app = app::App::new(args.clone(), target, events.create_proxy(), events.owned_display_handle());
     events.run_app(&mut app).context("the window system failed")?;
     app.finish()
 }

@@ -1,21 +1,22 @@
 //! State that lives as long as the window, and the steps of its frames.
 
 mod parts;
+mod source;
+mod streams;
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use lodestream_client::net::Retry;
+use lodestream_client::net::Clock;
 use lodestream_client::streaming::{Controls, Streaming};
-use lodestream_render::{
-    Counters, MAX_WAITING_STEPS, Pose, SceneView, Settings, Shadows, Timings, upload_budget,
-};
+use lodestream_render::{Counters, Pose, SceneView, Settings, Shadows, Timings, upload_budget};
 use winit::dpi::{LogicalSize, PhysicalPosition};
 use winit::event::MouseButton;
-use winit::event_loop::{ActiveEventLoop, OwnedDisplayHandle};
+use winit::event_loop::{ActiveEventLoop, EventLoopProxy, OwnedDisplayHandle};
 use winit::keyboard::KeyCode;
 use winit::window::Window;
 
+use super::event::Event;
 use super::frame_capture::FrameCapture;
 use super::input;
 use super::keys::Keys;
@@ -29,23 +30,35 @@ use super::state::{FrameStatus, State};
 use super::steps::{self, Steps};
 use crate::args::Args;
 use crate::frames::{FrameLog, Received};
+use crate::local::{Preparation, Target};
 use crate::outcome::describe_missing;
-use crate::run::{core_config, server, settings};
-use crate::token;
+use crate::run::settings;
+use streams::{NextScene, Notify};
 
 /// Interval of checks for finished terrain tiles while nothing else changes.
 const TILES_INTERVAL: Duration = Duration::from_millis(50);
 /// Interval of overlay updates while nothing else changes.
 const OVERLAY_INTERVAL: Duration = Duration::from_millis(250);
+/// The same while only the progress of a preparation changes, whose processor the frames take.
+const PROGRESS_INTERVAL: Duration = Duration::from_secs(1);
 
 /// State of an open window.
 pub(super) struct Running {
     pub(super) painter: Painter,
-    streaming: Streaming,
+    clock: Clock,
+    notify: Notify,
+    /// `None` while files are prepared.
+    streaming: Option<Streaming>,
+    /// The files that are prepared.
+    files: Option<Preparation>,
+    /// The scene that will replace the one that is drawn.
+    next: Option<NextScene>,
     pub(super) scene: SceneView,
     pub(super) controller: Option<CameraController>,
     pub(super) status: SessionStatus,
     adapter: String,
+    /// What is shown, as the command line names it.
+    address: String,
     settings: Settings,
     choices: Choices,
     pub(super) keys: Keys,
@@ -86,20 +99,24 @@ impl Running {
     /// One line with the fault and the remedy.
     pub(super) fn start(
         args: &Args,
-        notify: impl Fn() + Clone + Send + 'static,
+        target: &Target,
+        proxy: EventLoopProxy<Event>,
         display: OwnedDisplayHandle,
         events: &ActiveEventLoop,
     ) -> anyhow::Result<Self> {
-        // Before the device is opened: the server answers meanwhile.
-        let mut streaming =
-            Streaming::start(server(args)?, core_config(args)?, Retry::default(), notify.clone())?;
-        token::follow(args.token_file.as_ref(), &streaming)?;
+        let notify = Notify::new(proxy);
+        // Before the device is opened: the server answers, and files are prepared, meanwhile.
+        let (mut streaming, files) = match target {
+            Target::Stream(address) => (Some(streams::stream(args, address, &notify)?), None),
+            Target::Files(files) => (None, Some(streams::prepare(args, files, &notify)?)),
+        };
+        let clock = streaming.as_ref().map_or_else(Clock::start, Streaming::clock);
         let [width, height] = args.window.0;
         let attributes = Window::default_attributes()
-            .with_title(format!("Lodestream – {}", args.address))
+            .with_title(format!("Lodestream – {target}"))
             .with_inner_size(winit::dpi::PhysicalSize::new(width, height))
             .with_min_inner_size(LogicalSize::new(64, 64));
-        let mut scene = SceneView::with_terrain_apart(notify)?;
+        let mut scene = SceneView::with_terrain_apart(notify.call())?;
         // Work that needs no device runs while it is opened: computing tables and measuring the terrain.
         std::thread::Builder::new().name("tables".into()).spawn(lodestream_render::compute_tables)?;
         let first_args = args.clone();
@@ -115,19 +132,22 @@ impl Running {
                 ]
             },
             || {
-                while scene.waiting() < MAX_WAITING_STEPS
-                    && let Some(step) = streaming.take()
-                {
-                    scene.push(step);
+                if let Some(streaming) = &mut streaming {
+                    streams::take_steps(streaming, &mut scene);
                 }
             },
         )?;
-        tracing::debug!(now = ?Duration::from(streaming.clock().now()), "window and pipelines are made");
+        tracing::debug!(now = ?Duration::from(clock.now()), "window and pipelines are made");
         let settings = settings(args, painter.gpu.is_software());
         let now = Instant::now();
         Ok(Self {
             adapter: painter.gpu.describe(),
+            address: target.to_string(),
+            clock,
+            notify,
             streaming,
+            files,
+            next: None,
             scene,
             controller: args.camera.map(|camera| CameraController::new(camera.0)),
             status: SessionStatus::default(),
@@ -162,26 +182,7 @@ impl Running {
     }
 
     pub(super) fn now(&self) -> Duration {
-        self.streaming.clock().now().into()
-    }
-
-    /// Takes status and steps from the streaming thread; returns whether the picture may change.
-    pub(super) fn receive(&mut self) -> bool {
-        // Before the steps: a status that says settled refers to steps that are taken below.
-        let status = self.streaming.status();
-        if let Some(message) = &status.message
-            && Some(message) != self.status.status().message.as_ref()
-        {
-            tracing::info!("{message}");
-        }
-        let mut changed = false;
-        while self.scene.waiting() < MAX_WAITING_STEPS
-            && let Some(step) = self.streaming.take()
-        {
-            self.scene.push(step);
-            changed = true;
-        }
-        self.status.take(status) || changed
+        self.clock.now().into()
     }
 
     /// Tells the streaming thread where the camera is and whether there are shadows, unless the selection is frozen.
@@ -196,7 +197,10 @@ impl Running {
             // below it.
             view.eye[1] -= self.rise;
             let shadows = Some(self.choices.shadows);
-            self.streaming.control(Controls { view: Some(view), shadows, leave: false });
+            let next = self.next.as_ref().map(|next| &next.streaming);
+            for streaming in self.streaming.iter().chain(next) {
+                streaming.control(Controls { view: Some(view), shadows, leave: false });
+            }
         }
     }
 
@@ -317,7 +321,8 @@ impl Running {
         // The overlay's values change while data arrives, and once more after it stops.
         let figures = self.state == State::Refining || self.bits_per_s > 0.0;
         let repaint_after = painted.repaint_after.min(better.filter(|_| shows).unwrap_or(Duration::MAX));
-        Ok(if figures { repaint_after.min(OVERLAY_INTERVAL) } else { repaint_after })
+        let interval = if shows && self.awaits_scene() { PROGRESS_INTERVAL } else { OVERLAY_INTERVAL };
+        Ok(if figures { repaint_after.min(interval) } else { repaint_after })
     }
 
     /// The frame's step of quality.
@@ -334,8 +339,11 @@ impl Running {
     fn update_state(&mut self, drawn: &FrameStatus) {
         let stats = &self.status.status().stats;
         self.state = State::of(self.status.status(), drawn, self.shown.presented().is_some());
+        if self.awaits_scene() {
+            self.state = State::Refining;
+        }
         match self.state {
-            State::Settled => self.shown.note_settled(self.streaming.clock().now().into()),
+            State::Settled => self.shown.note_settled(self.clock.now().into()),
             State::Incomplete if !self.reported_incomplete => {
                 self.reported_incomplete = true;
                 tracing::warn!("{}", describe_missing(stats.lacking_blobs, &stats.lacking));
@@ -346,10 +354,11 @@ impl Running {
 
     /// Draws scene and overlay, and applies changes made in the overlay.
     fn paint(&mut self, args: &Args, now_s: f32) -> anyhow::Result<Painted> {
-        let address = args.address.to_string();
         // Missing blobs are not waited for.
         let is_complete = self.scene.is_whole() || self.status.status().stats.lacking_blobs > 0;
-        let shows = self.shown.may_show(is_complete, self.now());
+        // The time for which it is held back begins with the stream, not with the preparation of files.
+        let streamed = self.streaming.as_ref().map(|streaming| streaming.clock().now().into());
+        let shows = streamed.is_some_and(|now| self.shown.may_show(is_complete, now));
         if !shows {
             // New data does not change the empty window, and drawing it would delay the first frame.
             if let Some(left) = self.waiting.and_then(|at| OVERLAY_INTERVAL.checked_sub(at.elapsed())) {
@@ -359,10 +368,10 @@ impl Running {
         } else {
             self.prepare_ground()?;
         }
-        let message = self.status.message().or_else(|| (!shows).then(|| self.loading().into()));
+        let message = self.message(shows);
         let overlay_state = OverlayState {
             adapter: &self.adapter,
-            address: &address,
+            address: &self.address,
             message: message.as_deref(),
             frame_ms: self.frame_ms,
             fps: self.fps,
@@ -407,17 +416,6 @@ impl Running {
         Ok(painted)
     }
 
-    /// Message shown until the first frame is complete.
-    fn loading(&self) -> String {
-        let stats = &self.status.status().stats;
-        let (here, all) = (stats.counters.drawable_instances, stats.counters.visible_instances);
-        if all == 0 {
-            "waiting for the scene".into()
-        } else {
-            format!("loading: {here} of {all} objects in view")
-        }
-    }
-
     /// Handles a key that went down or up.
     ///
     /// # Errors
@@ -427,8 +425,8 @@ impl Running {
         if code == KeyCode::KeyH && pressed && self.controller.is_some() {
             self.choices.hidden ^= true;
         }
-        if pressed {
-            self.selection.key(code, &self.painter.gpu, &mut self.scene, &self.streaming)?;
+        if pressed && let Some(streaming) = &self.streaming {
+            self.selection.key(code, &self.painter.gpu, &mut self.scene, streaming)?;
         }
         Ok(())
     }
@@ -462,7 +460,7 @@ impl Steps for FrameSteps<'_> {
 
     fn receive(&mut self) -> anyhow::Result<()> {
         let running = &mut *self.running;
-        running.receive();
+        running.receive(self.args)?;
         let was_whole = running.scene.is_whole();
         // The first frame needs few bytes: they are uploaded at once.
         let frame = Duration::from_secs_f64(running.frame_ms / 1e3);

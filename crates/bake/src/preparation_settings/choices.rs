@@ -101,6 +101,12 @@ impl PreparationSettings {
         }
     }
 
+    /// Where surfaces without normals are smooth.
+    #[must_use]
+    pub fn crease_angle(&self) -> CreaseAngle {
+        self.crease_angle.unwrap_or_default()
+    }
+
     /// The codec, or the rule that selects it.
     #[must_use]
     pub fn codec(&self) -> CodecChoice {

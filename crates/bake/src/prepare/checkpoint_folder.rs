@@ -17,8 +17,8 @@ use lodestream_geometry::checkpoint::{CheckpointError, CheckpointStore, Piece};
 
 use super::cache::Key;
 
-/// Locked by the process that uses a folder.
-const LOCK: &str = "lock";
+/// Name of the file in a temporary folder that is locked by the process that uses the folder.
+pub const LOCK: &str = "lock";
 /// Age after which a folder is removed instead of resumed: preparations take hours at most.
 const STALE_AFTER: Duration = Duration::from_secs(7 * 24 * 60 * 60);
 

@@ -2,6 +2,7 @@
 
 pub mod cache;
 mod checkpoint_folder;
+pub mod coarse;
 pub mod describe;
 mod known_keys;
 mod materials_key;
@@ -35,16 +36,16 @@ use crate::sources::{Source, Sources};
 use lodestream_store::{PackFile, StoreError};
 
 use checkpoint_folder::CheckpointFolder;
-pub use checkpoint_folder::{Resumed, remove_stale_levels};
+pub use checkpoint_folder::{LOCK as LEVELS_LOCK, Resumed, remove_stale_levels};
 use describe::DescribeError;
 use known_keys::KnownKeys;
 pub use lodestream_threads::Threads;
-pub use progress::Reporter;
+pub use progress::{Reporter, Watch};
 use settings_key::{PackSettings, pack_version};
 use sizes::Sizes;
 
 /// Options of a preparation.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub struct Options {
     /// Settings that take precedence over the asset's own: flags over files.
     pub preparation_settings: PreparationSettings,
@@ -54,6 +55,8 @@ pub struct Options {
     pub quiet: bool,
     /// Keeps checkpoints beside the pack even for models below [`CHECKPOINT_MIN_FACES`].
     pub keep_levels: bool,
+    /// Follows the progress and may cancel.
+    pub watch: Option<Watch>,
 }
 
 /// Least number of faces for which checkpoints are kept beside the pack: from here on a preparation takes one core at
@@ -219,8 +222,7 @@ fn content(asset: &Asset, source: &Source) -> Result<Option<(Imported, Vec<u8>)>
     if size.faces > MAX_CONTENT_FACES && !matches!(asset.part, Part::Batch(_)) {
         return Ok(None);
     }
-    let imported =
-        source.model.import(&asset.part, asset.preparation_settings.crease_angle.unwrap_or_default())?;
+    let imported = source.import(&asset.part, asset.preparation_settings.crease_angle())?;
     // Materials that cannot be encoded are an error when the asset is prepared.
     let materials =
         materials_key::encode(&asset.name, &imported.materials, &|image| source.image_hash(image));
@@ -319,6 +321,9 @@ pub fn prepare_all_of(
     };
     let mut ready = side_by_side(assets, &threads, &in_cache);
     let one = |asset: &Asset, options: &Options| {
+        if is_pack(&asset.file) {
+            return open_pack(&asset.file);
+        }
         let keyed = Keyed::new(asset, options, sources)?;
         known.add(&keyed.asset, keyed.key, &keyed.source);
         prepare_keyed(keyed, folder, options)
@@ -328,7 +333,7 @@ pub fn prepare_all_of(
         done(all.len(), &cached);
         all.push(cached);
     };
-    let on_one_thread = Options { threads: Some(NonZeroUsize::MIN), ..*options };
+    let on_one_thread = Options { threads: Some(NonZeroUsize::MIN), ..options.clone() };
     let mut sizes = Sizes::new(assets, sources);
     let mut at = 0;
     while let Some(asset) = assets.get(at) {
@@ -351,6 +356,19 @@ pub fn prepare_all_of(
     }
     known.write();
     Ok(all)
+}
+
+/// Whether a file is a pack, by its extension: it needs no preparation.
+#[must_use]
+pub fn is_pack(file: &Path) -> bool {
+    file.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("lsp"))
+}
+
+/// Opens a pack that is named instead of a model.
+fn open_pack(file: &Path) -> Result<Cached, PrepareError> {
+    let pack = PackFile::open(file)?;
+    pack.verify()?;
+    Ok(Cached { pack, report: None, files: vec![file.to_owned()] })
 }
 
 /// What `make` makes of each element, on some threads.
@@ -409,8 +427,7 @@ fn prepare_with_key(keyed: Keyed, options: &Options, pack: &Path) -> Result<Repo
     let Keyed { asset, source, key, imported } = keyed;
     let Asset { name, file: model, part, preparation_settings } = &asset;
     let mesh_error = |source| PrepareError::Mesh { path: model.clone(), source };
-    let crease = asset.preparation_settings.crease_angle.unwrap_or_default();
-    let imported = imported.map_or_else(|| source.model.import(part, crease), Ok)?;
+    let imported = imported.map_or_else(|| source.import(part, preparation_settings.crease_angle()), Ok)?;
     let mut warnings = imported.warnings;
     let threads = options.threads.map_or_else(Threads::all_cores, Threads::new);
     let described = describe::describe(name, &imported.materials, preparation_settings, &threads)
@@ -432,7 +449,7 @@ fn prepare_with_key(keyed: Keyed, options: &Options, pack: &Path) -> Result<Repo
     let checkpoints =
         checkpoint_folder_for(pack, &key, options.keep_levels || mesh.faces.len() >= CHECKPOINT_MIN_FACES);
     let checkpoints = checkpoints.map_err(|source| PrepareError::Write { path: pack.to_owned(), source })?;
-    let reporter = Reporter::new(name, options.quiet);
+    let reporter = Reporter::new(name, options.quiet, options.watch.clone());
     let mut hooks = Hooks::new(&threads, &reporter);
     if let Some(checkpoints) = &checkpoints {
         hooks = hooks.with_checkpoints(checkpoints);

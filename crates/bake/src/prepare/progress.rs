@@ -1,21 +1,43 @@
 //! Display of a preparation's progress: a bar on a terminal, else an occasional line.
 
+use std::fmt;
 use std::io::IsTerminal as _;
-use std::sync::Mutex;
+use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use crate::stderr::write_line;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
 use lodestream_geometry::pool::{Monitor, Progress};
 
+type Watcher = dyn Fn(&str, Progress) -> bool + Send + Sync;
+
 /// Interval between lines without a terminal.
 const LINE_INTERVAL: Duration = Duration::from_secs(5);
+
+/// Follows preparations: is called with an asset's name and progress, by any thread, and cancels by returning `false`.
+#[derive(Clone)]
+pub struct Watch(Arc<Watcher>);
+
+impl Watch {
+    /// A watch that calls this.
+    #[must_use]
+    pub fn new(watcher: impl Fn(&str, Progress) -> bool + Send + Sync + 'static) -> Self {
+        Self(Arc::new(watcher))
+    }
+}
+
+impl fmt::Debug for Watch {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("Watch")
+    }
+}
 
 /// Shows the progress of one asset on standard error.
 pub struct Reporter {
     name: String,
     start: Instant,
     display: Display,
+    watch: Option<Watch>,
 }
 
 enum Display {
@@ -26,9 +48,9 @@ enum Display {
 }
 
 impl Reporter {
-    /// A reporter for the asset of this name; `quiet` disables it.
+    /// A reporter for the asset of this name; `quiet` disables the display, `watch` is told as well.
     #[must_use]
-    pub fn new(name: &str, quiet: bool) -> Self {
+    pub fn new(name: &str, quiet: bool, watch: Option<Watch>) -> Self {
         let start = Instant::now();
         let display = if quiet {
             Display::Nothing
@@ -40,7 +62,7 @@ impl Reporter {
         } else {
             Display::Lines(Mutex::new(start))
         };
-        Self { name: name.to_owned(), start, display }
+        Self { name: name.to_owned(), start, display, watch }
     }
 
     /// Removes the bar when the asset is done or has failed.
@@ -73,7 +95,7 @@ impl Monitor for Reporter {
             }
             Display::Lines(last) => self.line(last, progress),
         }
-        true
+        self.watch.as_ref().is_none_or(|watch| (watch.0)(&self.name, progress))
     }
 }
 

@@ -42,7 +42,7 @@ impl<'a> PackSettings<'a> {
             name,
             part: Some(part.clone()),
             quantise: preparation_settings.quantise_settings(),
-            crease_angle: preparation_settings.crease_angle.unwrap_or_default().get(),
+            crease_angle: preparation_settings.crease_angle().get(),
             simplify: asset.simplify_settings(),
             codec: preparation_settings.codec(),
             relief_depth: preparation_settings.relief_depth.map(ReliefDepth::get),

@@ -27,6 +27,15 @@ pub use model::{Asset, DEFAULT_FOV_Y_DEGREES, Model, Scene};
 pub use part_names::ModelPartNames;
 pub use terrain::SceneTerrain;
 
+/// Extensions of models.
+pub const MODEL_EXTENSIONS: [&str; 5] = ["obj", "gltf", "glb", "ply", "stl"];
+
+/// Whether a path has one of these extensions, in any case.
+#[must_use]
+pub fn has_extension(path: &Path, extensions: &[&str]) -> bool {
+    path.extension().is_some_and(|own| extensions.iter().any(|wanted| own.eq_ignore_ascii_case(wanted)))
+}
+
 /// Reads the scene of the files on a command line: one scene file, or models.
 ///
 /// # Errors

@@ -10,7 +10,9 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use lodestream_import::gltf::{CONTENTS_VERSION, Contents, CopyTolerance};
-use lodestream_import::{ImageSource, ImportError, ModelFile, is_gltf, is_streamed};
+use lodestream_import::{
+    CreaseAngle, ImageSource, ImportError, Imported, ModelFile, Part, is_gltf, is_streamed,
+};
 
 use hashed_file::HashedFile;
 pub(crate) use memo::{FileState, Memo};
@@ -24,6 +26,8 @@ pub(crate) struct Source {
     pub(crate) dependencies: Vec<Option<blake3::Hash>>,
     /// Of images within the model file, by the names that they have for messages.
     images: Mutex<BTreeMap<PathBuf, blake3::Hash>>,
+    /// A part that was imported already, for the next import of it.
+    imported: Mutex<Option<(Part, CreaseAngle, Imported)>>,
 }
 
 impl Source {
@@ -46,7 +50,7 @@ impl Source {
     }
 
     fn new(model: ModelFile, hash: blake3::Hash, dependencies: Vec<Option<blake3::Hash>>) -> Self {
-        Self { model, hash, dependencies, images: Mutex::default() }
+        Self { model, hash, dependencies, images: Mutex::default(), imported: Mutex::default() }
     }
 
     /// Hash of the bytes of an image of the model; `None` if it cannot be read. Those of a texture that thousands of meshes
@@ -58,6 +62,22 @@ impl Source {
         };
         let mut images = self.images.lock().unwrap_or_else(PoisonError::into_inner);
         Some(*images.entry(image.path.clone()).or_insert_with(|| blake3::hash(bytes)))
+    }
+
+    /// Imports a part, or takes what [`Self::keep`] has of it.
+    ///
+    /// # Errors
+    /// As [`ModelFile::import`].
+    pub(crate) fn import(&self, part: &Part, crease: CreaseAngle) -> Result<Imported, ImportError> {
+        let mut kept = self.imported.lock().unwrap_or_else(PoisonError::into_inner);
+        let kept = kept.take_if(|kept| kept.0 == *part && kept.1 == crease);
+        kept.map_or_else(|| self.model.import(part, crease), |(.., imported)| Ok(imported))
+    }
+
+    /// Keeps an imported part, the last one only, for the next import of it.
+    pub(crate) fn keep(&self, part: &Part, crease: CreaseAngle, imported: Imported) {
+        let kept = Some((part.clone(), crease, imported));
+        *self.imported.lock().unwrap_or_else(PoisonError::into_inner) = kept;
     }
 
     /// The content of the model file and of those that it names.

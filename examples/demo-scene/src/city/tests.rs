@@ -2,7 +2,6 @@
 
 use glam::{DVec2, DVec3};
 use lodestream_bake::prepare::Threads;
-use lodestream_import::Part as ImportedPart;
 use lodestream_import::gltf;
 
 use super::facade::{self, Opening};

@@ -23,10 +23,10 @@ impl Running {
         if new {
             parts::apply(args, &self.painter.gpu, &mut self.scene)?;
         }
-        self.streaming.pin_instances(self.selection.pinned_instances(&self.scene));
-        self.streaming.move_parts(self.scene.moved_parts());
-        let (selected, fitted) =
-            self.selection.receive(&self.painter.gpu, &self.streaming, &mut self.scene)?;
+        let Some(streaming) = &self.streaming else { return Ok(new) };
+        streaming.pin_instances(self.selection.pinned_instances(&self.scene));
+        streaming.move_parts(self.scene.moved_parts());
+        let (selected, fitted) = self.selection.receive(&self.painter.gpu, streaming, &mut self.scene)?;
         if let (Some(bounds), Some(controller)) = (fitted, &mut self.controller) {
             let [width, height] = self.painter.size().map(|side| f64::from(side.max(1)));
             let centre = bounds.centre + glam::DVec3::Y * self.rise;
@@ -42,11 +42,13 @@ impl Running {
             self.pressed_at = self.pointer;
         } else if self.button == Some(MouseButton::Left) && button == MouseButton::Left && !consumed {
             let (dx, dy) = (self.pointer.x - self.pressed_at.x, self.pointer.y - self.pressed_at.y);
-            if dx.hypot(dy) < CLICK_PX {
+            if dx.hypot(dy) < CLICK_PX
+                && let Some(streaming) = &self.streaming
+            {
                 let [width, height] = self.painter.size();
                 let at = [self.pointer.x, self.pointer.y];
                 let ray = selection::ray(&self.camera(), at, (width, height), self.rise);
-                self.selection.pick(ray, &self.streaming, &self.scene);
+                self.selection.pick(ray, streaming, &self.scene);
             }
         }
         self.button = (pressed && !consumed).then_some(button);

@@ -20,7 +20,7 @@ use textures::{EncodedTexture, Textures};
 /// textures of a metre or two then have joints of a few centimetres.
 pub const DEFAULT_RELIEF_DEPTH: f32 = 0.04;
 /// Base colour of materials whose colour texture is missing.
-const FALLBACK_COLOR: [f32; 3] = [0.8; 3];
+pub(super) const FALLBACK_COLOR: [f32; 3] = [0.8; 3];
 
 /// An asset's description with its texture blobs.
 #[derive(Clone, Debug)]
