@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use lodestream_scene::published::pack_name;
 use lodestream_store::{BlobCache, PackFile, SceneObject, SceneObjectError, SceneStore, StoreError};
 
+use crate::compose::framing::framing;
 use crate::compose::{ComposeError, describe, open_with};
 use crate::prepare::coarse::stand_ins;
 use crate::prepare::{Options, PrepareError, prepare_all_of};
@@ -68,7 +69,7 @@ impl WholeScene {
     /// # Errors
     /// Of the first asset with one. Packs that were prepared stay in the cache.
     pub fn prepare(
-        scene: Scene,
+        mut scene: Scene,
         cache: &Path,
         options: &Options,
         sources: &Sources,
@@ -94,6 +95,7 @@ impl WholeScene {
         // Assets of one model name the same files.
         files.sort_unstable();
         files.dedup();
+        frame(&mut scene, &packs)?;
         let forest = proxies::make(&scene, &packs, cache, options);
         let forest = forest.map_err(|why| WholeSceneError { asset: None, why })?;
         if let Some(forest) = forest.as_ref().filter(|forest| forest.prepared > 0) {
@@ -118,8 +120,10 @@ impl WholeScene {
         let packs = stand_ins(&scene.assets, cache, folder, options, sources).map_err(|(number, why)| {
             WholeSceneError { asset: scene.assets.get(number).cloned().map(Box::new), why }
         })?;
-        let of = |packs| Self { scene: scene.clone(), packs, forest: None, files: Vec::new(), prepared: 0 };
-        Ok(packs.map(of))
+        let Some(packs) = packs else { return Ok(None) };
+        let mut scene = scene.clone();
+        frame(&mut scene, &packs)?;
+        Ok(Some(Self { scene, packs, forest: None, files: Vec::new(), prepared: 0 }))
     }
 
     /// Opens the scene for a server; its blobs are in a cache that other scenes may share.
@@ -147,6 +151,13 @@ impl WholeScene {
         std::fs::write(&path, bytes).map_err(|source| PublishError::Write { path: path.clone(), source })?;
         Ok(path)
     }
+}
+
+/// Gives a scene without a camera one that frames it.
+fn frame(scene: &mut Scene, packs: &[PackFile]) -> Result<(), WholeSceneError> {
+    let found = framing(scene, packs).map_err(|why| WholeSceneError { asset: None, why: why.into() })?;
+    scene.camera = scene.camera.or(found);
+    Ok(())
 }
 
 /// Makes a second name of a file, which keeps its content where the first is replaced.

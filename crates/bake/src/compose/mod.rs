@@ -1,6 +1,7 @@
 //! Composes the description of a scene from its prepared models: assets and instances in pages, nearest and largest
 //! first.
 
+pub(crate) mod framing;
 mod pages;
 mod parts;
 pub(crate) mod placing;

@@ -13,7 +13,7 @@ const GAP: f64 = 0.25;
 /// spheres are larger than their contents.
 const FRAMING: f64 = 0.9;
 /// Direction from the scene to the default start camera.
-const START_DIRECTION: DVec3 = DVec3::new(0.4, 0.3, 1.0);
+pub(super) const START_DIRECTION: DVec3 = DVec3::new(0.4, 0.3, 1.0);
 /// Viewport that orders the pages; its shape matters little.
 const ORDER_VIEWPORT_PX: [u32; 2] = [1280, 720];
 
