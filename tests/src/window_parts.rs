@@ -20,6 +20,8 @@ const CAMERA: [&str; 2] = ["--camera", "eye=21.3,0.3,3.5;target=21.3,0.3,0;fov=5
 /// Parts change the shadows and the occlusion of others otherwise.
 const PLAIN: [&str; 3] = ["--no-overlay", "--no-shadows", "--no-ao"];
 const MIDDLE: [i16; 2] = [160, 90];
+/// Keysym of the key that writes a picture.
+const F12: u32 = 0xffc9;
 /// Largest share of pixels in which a window and a headless picture of the same view differ: edges that are rounded
 /// otherwise. A part covers five times as many.
 const OTHER_PIXELS: f64 = 0.004;
@@ -77,7 +79,7 @@ fn a_click_in_the_window_selects_a_part_and_keys_hide_isolate_fit_and_show_it() 
         }
     }
 
-    let program = Program::in_window(&url, &[&CAMERA[..], &PLAIN].concat());
+    let program = Program::in_window_from(folder.path(), &url, &[&CAMERA[..], &PLAIN].concat());
     let window = program.window();
     let [x, y] = MIDDLE;
     wait_for(&window, "the whole", &whole);
@@ -101,6 +103,40 @@ fn a_click_in_the_window_selects_a_part_and_keys_hide_isolate_fit_and_show_it() 
     wait_for(&window, "the start view", &isolated);
     window.press('u');
     wait_for(&window, "all is shown again", &whole);
+    let moved = |what: &str| {
+        let until = Instant::now() + RUN_LIMIT;
+        while differing(&window.picture(SIZE_PX), &whole) < 5.0 * OTHER_PIXELS {
+            assert!(Instant::now() < until, "{what}: the picture does not change");
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    };
+    window.press('7');
+    moved("from above");
+    // The start view is one from the front.
+    window.press('1');
+    wait_for(&window, "from the front", &whole);
+    window.press(' ');
+    moved("the turntable");
+    window.press('0');
+    wait_for(&window, "the start view, at rest", &whole);
+    window.point_at(x, y);
+    window.press('f');
+    moved("what is under the pointer");
+    window.press('0');
+    wait_for(&window, "the start view again", &whole);
+    window.press_symbol(F12);
+    let written = folder.path().join("lodestream-001.png");
+    let until = Instant::now() + RUN_LIMIT;
+    // The file is empty until its picture is written.
+    let picture = loop {
+        match image::open(&written) {
+            Ok(picture) => break picture.into_rgb8(),
+            Err(why) => assert!(Instant::now() < until, "no picture is written: {why}"),
+        }
+        std::thread::sleep(Duration::from_millis(20));
+    };
+    let differs = differing(&picture, &whole);
+    assert!(differs <= OTHER_PIXELS, "the written picture: {differs} of the pixels differ");
     window.ask_to_close();
     let output = program.end();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));

@@ -11,6 +11,8 @@ const TURN_PER_PX: f64 = 0.005;
 const DOLLY_PER_LINE: f64 = 0.88;
 /// Smallest angle between the view and up.
 const POLE: f64 = 0.02;
+/// Angle of the view from above to the vertical: the picture's upper side stays defined.
+const TOP_ANGLE: f64 = 1e-3;
 /// Room around what the camera is fitted to, as a factor.
 const FIT_MARGIN: f64 = 1.1;
 
@@ -21,6 +23,17 @@ pub enum Mode {
     Orbit,
     /// Free flight.
     Fly,
+}
+
+/// Side from which the target is looked at. With y up these are along −z, −x and −y.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Side {
+    /// From the front.
+    Front,
+    /// From the right.
+    Right,
+    /// From above, the front at the picture's lower side.
+    Top,
 }
 
 /// Directions of the keys held, each −1, 0 or 1: right, up, forward.
@@ -158,6 +171,23 @@ impl CameraController {
         self.speed = 0.5 * distance;
     }
 
+    /// Looks at the target from a side and its present distance.
+    pub fn look_from(&mut self, side: Side) {
+        let towards_eye = match side {
+            Side::Front => DVec3::Z,
+            Side::Right => DVec3::X,
+            Side::Top => DVec3::new(0.0, TOP_ANGLE.cos(), TOP_ANGLE.sin()),
+        };
+        let up = DQuat::from_rotation_arc(DVec3::Y, self.up());
+        self.now.eye = (self.target() + up * towards_eye * self.distance()).into();
+    }
+
+    /// Moves the eye around the target by an angle in radians, counterclockwise seen from above.
+    pub fn circle(&mut self, radians: f64) {
+        let turned = DQuat::from_axis_angle(self.up(), radians) * (self.eye() - self.target());
+        self.now.eye = (self.target() + turned).into();
+    }
+
     /// Moves eye and target up.
     pub fn lift(&mut self, up: f64) {
         self.shift(DVec3::Y * up);
@@ -231,6 +261,36 @@ mod tests {
             controller.fit(DVec3::NAN, 1.0, 1.0);
             assert_eq!(controller.target(), centre);
         }
+    }
+
+    #[test]
+    fn sides_are_looked_at_from_the_present_distance_with_up_kept_up() {
+        let mut controller = controller();
+        controller.shift(DVec3::new(3.0, -2.0, 1.0));
+        controller.turn(120.0, -40.0);
+        controller.wheel(3.0);
+        let (target, distance) = (controller.target(), controller.distance());
+        for (side, forward, up) in [
+            (Side::Right, DVec3::NEG_X, DVec3::Y),
+            (Side::Top, DVec3::NEG_Y, DVec3::NEG_Z),
+            (Side::Front, DVec3::NEG_Z, DVec3::Y),
+        ] {
+            controller.look_from(side);
+            assert_eq!(controller.target(), target);
+            assert!((controller.distance() - distance).abs() < 1e-9);
+            assert!((controller.forward() - forward).length() < 2.0 * TOP_ANGLE, "{side:?}");
+            let of_picture = controller.pose().rotation * DVec3::Y;
+            assert!((of_picture - up).length() < 2.0 * TOP_ANGLE, "{side:?}: {of_picture}");
+        }
+        // From above too, a drag turns the scene with the pointer.
+        controller.look_from(Side::Top);
+        controller.turn(0.0, -200.0);
+        assert!((controller.forward().angle_between(DVec3::NEG_Y) - 1.0).abs() < 0.01);
+        // Another up axis turns the sides with it.
+        let camera = Camera { up: [0.0, 0.0, 1.0], ..self::controller().camera() };
+        let mut tilted = CameraController::new(camera);
+        tilted.look_from(Side::Front);
+        assert!((tilted.forward() - DVec3::Y).length() < 1e-9, "{}", tilted.forward());
     }
 
     #[test]

@@ -61,8 +61,13 @@ pub(crate) struct Program {
 impl Program {
     /// Opens a small window on a display of its own.
     pub(crate) fn in_window(address: &str, arguments: &[&str]) -> Self {
+        Self::in_window_from(Path::new("."), address, arguments)
+    }
+
+    /// As [`Self::in_window`], with a current folder.
+    pub(crate) fn in_window_from(folder: &Path, address: &str, arguments: &[&str]) -> Self {
         let display = Display::start();
-        Self { child: spawn(address, arguments, Some(&display.name)), display: Some(display) }
+        Self { child: spawn(folder, address, arguments, Some(&display.name)), display: Some(display) }
     }
 
     /// Draws into a window until settled, and writes frames into a folder and figures into a file.
@@ -77,7 +82,10 @@ impl Program {
     /// Draws into a file of the same size, headless.
     pub(crate) fn headless(address: &str, picture: &Path, arguments: &[&str]) -> Self {
         let output = ["--headless", "--output", picture.to_str().unwrap()];
-        Self { child: spawn(address, &[&output[..], arguments].concat(), None), display: None }
+        Self {
+            child: spawn(Path::new("."), address, &[&output[..], arguments].concat(), None),
+            display: None,
+        }
     }
 
     /// Its window, once it is open.
@@ -113,10 +121,11 @@ impl Program {
     }
 }
 
-fn spawn(address: &str, arguments: &[&str], display: Option<&str>) -> Child {
+fn spawn(folder: &Path, address: &str, arguments: &[&str], display: Option<&str>) -> Child {
     let [width, height] = SIZE_PX;
     let mut command = Command::new(program("lodestream-viewer"));
     command
+        .current_dir(folder)
         .args([address, "--window", &format!("{width}x{height}")])
         .args(arguments)
         .env_remove("DISPLAY")

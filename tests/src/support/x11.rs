@@ -71,17 +71,21 @@ impl OpenWindow {
         self.fake(BUTTON_RELEASE_EVENT, 1, 0, 0);
     }
 
-    /// Presses and releases the key of a letter.
+    /// Presses and releases the key of a letter, a digit or a space.
     pub(crate) fn press(&self, letter: char) {
+        // The keysyms of Latin letters are their characters.
+        self.press_symbol(u32::from(letter.to_ascii_lowercase()));
+    }
+
+    /// Presses and releases the key of a keysym.
+    pub(crate) fn press_symbol(&self, symbol: u32) {
         let focus = self.connection.set_input_focus(InputFocus::PARENT, self.window, x11rb::CURRENT_TIME);
         focus.unwrap().check().unwrap();
         let (first, last) = (self.connection.setup().min_keycode, self.connection.setup().max_keycode);
         let asked = self.connection.get_keyboard_mapping(first, last - first + 1).unwrap();
         let mapping = asked.reply().unwrap();
-        // The keysyms of Latin letters are their characters.
-        let symbol = u32::from(letter.to_ascii_lowercase());
         let mut keys = mapping.keysyms.chunks(usize::from(mapping.keysyms_per_keycode));
-        let key = keys.position(|symbols| symbols[0] == symbol).expect("a keyboard with this letter");
+        let key = keys.position(|symbols| symbols[0] == symbol).expect("a keyboard with this key");
         let code = first + u8::try_from(key).unwrap();
         for kind in [KEY_PRESS_EVENT, KEY_RELEASE_EVENT] {
             self.fake(kind, code, 0, 0);

@@ -125,8 +125,10 @@ impl ApplicationHandler<Event> for App {
                 if let PhysicalKey::Code(code) = event.physical_key
                     && !event.repeat
                 {
-                    if let Err(why) = running.key(code, event.state == ElementState::Pressed) {
-                        return self.fail(events, why);
+                    match running.key(code, event.state == ElementState::Pressed) {
+                        Ok(true) => events.exit(),
+                        Ok(false) => {}
+                        Err(why) => return self.fail(events, why),
                     }
                     redraw = true;
                 }
@@ -147,9 +149,8 @@ impl ApplicationHandler<Event> for App {
                 };
                 if let Some(controller) = &mut running.controller {
                     controller.wheel(lines);
+                    running.camera_moved();
                     redraw = true;
-                    let now = running.now();
-                    running.quality.moved(now);
                 }
             }
             WindowEvent::RedrawRequested => {

@@ -9,8 +9,37 @@ use std::time::Duration;
 use winit::keyboard::KeyCode;
 
 use super::keys::Keys;
-use lodestream_viewing::CameraController;
-use lodestream_viewing::Quality;
+use lodestream_viewing::{CameraController, Quality, Side};
+
+/// What a key does to the window itself.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Command {
+    /// Frames what is under the pointer.
+    Frame,
+    /// Shows or hides the overlay.
+    Overlay,
+    /// Enters or leaves full screen.
+    FullScreen,
+    /// Leaves full screen.
+    LeaveFullScreen,
+    /// Writes the picture into a file.
+    Picture,
+    /// Closes the window.
+    Quit,
+}
+
+/// The command of a key that went down, with or without a control key.
+pub(super) const fn command(code: KeyCode, control: bool) -> Option<Command> {
+    Some(match (code, control) {
+        (KeyCode::KeyF, false) => Command::Frame,
+        (KeyCode::KeyH, false) => Command::Overlay,
+        (KeyCode::F11, _) => Command::FullScreen,
+        (KeyCode::Escape, _) => Command::LeaveFullScreen,
+        (KeyCode::F12, _) | (KeyCode::KeyS, true) => Command::Picture,
+        (KeyCode::KeyQ, true) => Command::Quit,
+        _ => return None,
+    })
+}
 
 /// Handles a key that went down or up at `now`.
 pub(super) fn key(
@@ -23,17 +52,27 @@ pub(super) fn key(
 ) {
     let Some(controller) = controller else { return keys.set(now, code, pressed, None) };
     keys.set(now, code, pressed, Some(controller));
-    match code {
-        KeyCode::KeyF if pressed => controller.toggle(),
-        KeyCode::KeyR if pressed => {
-            controller.reset();
-            quality.moved(now);
-        }
-        _ => {}
+    if !pressed || keys.is_control_held() {
+        return;
     }
+    let side = match code {
+        KeyCode::KeyV => return controller.toggle(),
+        KeyCode::Space => return keys.toggle_turntable(now),
+        KeyCode::KeyR | KeyCode::Home | KeyCode::Digit0 | KeyCode::Numpad0 => None,
+        KeyCode::Digit1 | KeyCode::Numpad1 => Some(Side::Front),
+        KeyCode::Digit3 | KeyCode::Numpad3 => Some(Side::Right),
+        KeyCode::Digit7 | KeyCode::Numpad7 => Some(Side::Top),
+        _ => return,
+    };
+    keys.stop_turntable();
+    match side {
+        Some(side) => controller.look_from(side),
+        None => controller.reset(),
+    }
+    quality.moved(now);
 }
 
-/// Moves the camera by the keys held, before a frame that begins at `now`.
+/// Moves the camera by the keys held and the turntable, before a frame that begins at `now`.
 pub(super) fn move_camera(
     now: Duration,
     keys: &mut Keys,
@@ -41,7 +80,7 @@ pub(super) fn move_camera(
     quality: &mut Quality,
 ) {
     keys.advance(now, controller);
-    if keys.is_pushing() {
+    if keys.moves_camera() {
         quality.moved(now);
     }
 }
@@ -133,6 +172,44 @@ mod tests {
         }
         let first = window.shown.iter().find(|(begun, _, pose)| *begun >= free && answer(pose));
         (free, first.expect("it is answered").1)
+    }
+
+    #[test]
+    fn commands_are_keys_of_their_own_or_letters_with_control() {
+        for (code, control, wanted) in [
+            (KeyCode::F12, false, Some(Command::Picture)),
+            (KeyCode::KeyS, true, Some(Command::Picture)),
+            (KeyCode::KeyS, false, None),
+            (KeyCode::KeyQ, true, Some(Command::Quit)),
+            (KeyCode::KeyQ, false, None),
+            (KeyCode::KeyH, true, None),
+            (KeyCode::Escape, false, Some(Command::LeaveFullScreen)),
+        ] {
+            assert_eq!(command(code, control), wanted, "{code:?} {control}");
+        }
+    }
+
+    #[test]
+    fn keys_choose_the_view_and_the_start_view_again() {
+        let (mut controller, mut keys, mut quality) = (start(), Keys::default(), Quality::new(true));
+        let mut press = |code| {
+            key(Duration::ZERO, code, true, &mut keys, Some(&mut controller), &mut quality);
+            key(Duration::ZERO, code, false, &mut keys, Some(&mut controller), &mut quality);
+            (controller.pose().eye, keys.moves_camera())
+        };
+        for (code, eye) in [
+            (KeyCode::Digit3, [10.0, 0.0, 0.0]),
+            (KeyCode::Digit7, [0.0, 10.0, 0.01]),
+            (KeyCode::Digit1, [0.0, 0.0, 10.0]),
+            (KeyCode::Numpad7, [0.0, 10.0, 0.01]),
+            (KeyCode::Home, [0.0, 0.0, 10.0]),
+        ] {
+            assert!(press(KeyCode::Space).1);
+            let (there, moves) = press(code);
+            assert!((there - glam::DVec3::from(eye)).length() < 1e-3, "{code:?}: {there}");
+            assert!(!moves, "{code:?} stops the turntable");
+        }
+        assert!(press(KeyCode::Space).1 && !press(KeyCode::Space).1);
     }
 
     /// The frame after a key has the quality of a moving camera, even if the camera rested before.

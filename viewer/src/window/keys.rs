@@ -1,18 +1,19 @@
-//! Keys held, and the camera movement that they cause, by real time and independent of the frame rate.
+//! Keys held, the turntable, and the camera movement that they cause, by real time and independent of the frame rate.
 
 use std::collections::BTreeSet;
 use std::time::Duration;
 
 use winit::keyboard::KeyCode;
 
-use lodestream_viewing::{CameraController, Push};
+use lodestream_viewing::{CameraController, Push, Turntable};
 
-/// The keys that are held.
+/// The keys that are held, and the turntable that a key starts.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Keys {
     held: BTreeSet<KeyCode>,
     /// Time up to which the camera has been moved.
     moved_until: Duration,
+    turntable: Turntable,
 }
 
 impl Keys {
@@ -27,20 +28,40 @@ impl Keys {
         ]
     }
 
-    /// Whether keys move the camera.
-    pub(super) fn is_pushing(&self) -> bool {
+    /// Whether keys that are held or the turntable move the camera.
+    pub(super) fn moves_camera(&self) -> bool {
+        self.is_pushing() || self.turntable.is_turning()
+    }
+
+    fn is_pushing(&self) -> bool {
         self.push() != [0.0; 3]
+    }
+
+    /// Whether a control key is held, with which letters are commands and do not move the camera.
+    pub(super) fn is_control_held(&self) -> bool {
+        [KeyCode::ControlLeft, KeyCode::ControlRight].iter().any(|key| self.held.contains(key))
+    }
+
+    /// Starts or stops the turntable at `now`.
+    pub(super) fn toggle_turntable(&mut self, now: Duration) {
+        self.turntable.toggle(now);
+    }
+
+    /// Stops the turntable: the camera is moved otherwise.
+    pub(super) fn stop_turntable(&mut self) {
+        self.turntable.stop();
     }
 
     /// Moves the camera for the time since the last call.
     pub(super) fn advance(&mut self, now: Duration, controller: Option<&mut CameraController>) {
         let seconds = now.saturating_sub(self.moved_until).as_secs_f64();
         self.moved_until = now.max(self.moved_until);
-        if let Some(controller) = controller
-            && self.is_pushing()
-        {
+        let Some(controller) = controller else { return };
+        if self.is_pushing() {
+            self.turntable.stop();
             controller.push(self.push(), self.held.contains(&KeyCode::ShiftLeft), seconds);
         }
+        self.turntable.advance(now, controller);
     }
 
     /// Records that a key went down or up at `now`, after moving the camera up to then.
@@ -52,10 +73,13 @@ impl Keys {
         controller: Option<&mut CameraController>,
     ) {
         self.advance(now, controller);
-        if pressed {
+        if pressed && !self.is_control_held() {
             self.held.insert(code);
         } else {
             self.held.remove(&code);
+        }
+        if self.is_pushing() {
+            self.turntable.stop();
         }
     }
 
@@ -101,5 +125,29 @@ mod tests {
         for frame_ms in [16, 333, 2000, 4000] {
             assert!((flown(frame_ms) - smooth).length() < 1e-9, "{frame_ms} ms a frame");
         }
+    }
+
+    #[test]
+    fn letters_with_control_do_not_move_the_camera() {
+        let mut keys = Keys::default();
+        for (code, pressed) in
+            [(KeyCode::ControlLeft, true), (KeyCode::KeyS, true), (KeyCode::ControlLeft, false)]
+        {
+            keys.set(Duration::ZERO, code, pressed, None);
+            assert!(!keys.is_pushing());
+        }
+        keys.set(Duration::ZERO, KeyCode::KeyS, false, None);
+        keys.set(Duration::ZERO, KeyCode::KeyS, true, None);
+        assert!(keys.is_pushing());
+    }
+
+    #[test]
+    fn a_key_that_moves_the_camera_stops_the_turntable() {
+        let mut keys = Keys::default();
+        keys.toggle_turntable(Duration::ZERO);
+        assert!(keys.moves_camera() && !keys.is_pushing());
+        keys.set(Duration::from_secs(1), KeyCode::KeyW, true, None);
+        keys.set(Duration::from_secs(2), KeyCode::KeyW, false, None);
+        assert!(!keys.moves_camera());
     }
 }

@@ -1,6 +1,7 @@
 //! Window mode: camera, overlay, and a frame whenever something has changed.
 
 mod app;
+mod clicks;
 mod event;
 mod frame_capture;
 mod input;
@@ -8,6 +9,7 @@ mod keys;
 mod overlay;
 mod painter;
 mod running;
+mod screenshot;
 mod selection;
 mod session_status;
 mod state;

@@ -26,6 +26,14 @@ const FRAME_HEIGHT: f32 = 60.0;
 /// Most width of a value, in points; longer text wraps.
 const VALUE_WIDTH: f32 = 560.0;
 
+/// What mouse and keys do.
+const KEYS: [&str; 4] = [
+    "drag: turn · right drag: pan · wheel: nearer · WASD QE: move · V: fly or orbit · Space: turntable",
+    "0 Home R: start view · 1 3 7: front, right, top · F, double click: frame what is under the pointer",
+    "click: select a part · X: hide it · I: isolate it · Z: go to it · U: show all · H: hide this",
+    "F11: full screen, Escape leaves it · F12, Ctrl+S: write the picture · Ctrl+Q: quit",
+];
+
 /// Draws the overlay.
 pub(super) fn show(ui: &mut egui::Ui, stats: &Stats, state: &OverlayState<'_>, choices: &mut Choices) {
     let context = ui.ctx().clone();
@@ -106,8 +114,9 @@ fn contents(ui: &mut egui::Ui, stats: &Stats, state: &OverlayState<'_>, choices:
     let times = ui.collapsing("times of passes", |ui| times(ui, &state.times));
     choices.timed = times.body_returned.is_some();
     ui.separator();
-    ui.small("drag: turn · right drag: pan · wheel: nearer · F: fly or orbit · WASD QE: move · R: reset · H: hide this");
-    ui.small("click: select a part · X: hide it · I: isolate it · Z: go to it · U: show all");
+    for line in KEYS {
+        ui.small(line);
+    }
 }
 
 /// Controls for the parameters of passes.
@@ -299,6 +308,12 @@ mod tests {
         let lines: Vec<&str> = text.lines().collect();
         assert!(lines.windows(2).any(|pair| pair == ["quality", &quality]), "{text}");
         assert!(!drawn(&state, true).contains(&quality), "a hidden overlay shows messages alone");
+    }
+
+    #[test]
+    fn what_keys_do_is_drawn() {
+        let text = drawn(&OverlayState::default(), false);
+        assert!(KEYS.iter().all(|line| text.contains(line)), "{text}");
     }
 
     #[test]

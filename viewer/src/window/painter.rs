@@ -30,6 +30,8 @@ pub(super) struct Painter {
     later: Vec<Compiler>,
     /// Whether frames are copied for [`Painted::copy`].
     copies: bool,
+    /// Whether the next frame with the scene is copied for [`Painted::picture`].
+    takes_picture: bool,
 }
 
 /// Draws a scene's frame into the window.
@@ -67,11 +69,7 @@ impl Device {
             config.desired_maximum_frame_latency = 1;
         }
         if copies {
-            anyhow::ensure!(
-                capabilities.usages.contains(wgpu::TextureUsages::COPY_SRC),
-                "this window's frames cannot be kept: its surface cannot be copied from"
-            );
-            config.usage |= wgpu::TextureUsages::COPY_SRC;
+            allow_copies(&capabilities, &mut config)?;
         }
         surface.configure(&gpu.device, &config);
         let renderer = Renderer::without_pipelines(&gpu, config.format)?;
@@ -96,6 +94,8 @@ pub(super) struct Painted {
     pub(super) counters: Option<Counters>,
     /// Copy of the frame, if frames are captured.
     pub(super) copy: Option<TargetCopy>,
+    /// Copy of the scene without the overlay, if [`Painter::take_picture`] asked for it.
+    pub(super) picture: Option<TargetCopy>,
     /// When the overlay wants to be drawn again.
     pub(super) repaint_after: std::time::Duration,
 }
@@ -129,7 +129,31 @@ impl Painter {
         let Device { gpu, renderer, surface, config, overlay, later } = device;
         let context = egui::Context::default();
         let input = egui_winit::State::new(context, egui::ViewportId::ROOT, &window, None, None, None);
-        Ok(Self { window, gpu, renderer, surface, config, input, overlay, later, copies })
+        Ok(Self {
+            window,
+            gpu,
+            renderer,
+            surface,
+            config,
+            input,
+            overlay,
+            later,
+            copies,
+            takes_picture: false,
+        })
+    }
+
+    /// Copies the next frame that shows the scene, for [`Painted::picture`].
+    ///
+    /// # Errors
+    /// A surface that cannot be copied from.
+    pub(super) fn take_picture(&mut self) -> anyhow::Result<()> {
+        if !self.config.usage.contains(wgpu::TextureUsages::COPY_SRC) {
+            allow_copies(&self.surface.get_capabilities(&self.gpu.adapter), &mut self.config)?;
+            self.surface.configure(&self.gpu.device, &self.config);
+        }
+        self.takes_picture = true;
+        Ok(())
     }
 
     /// Starts compiling the remaining pipelines. Called after the first frame, so as not to delay it.
@@ -192,7 +216,7 @@ impl Painter {
                 self.overlay.update_texture(device, queue, *id, delta);
             }
         }
-        let mut copy = None;
+        let (mut copy, mut picture) = (None, None);
         let counters = match self.surface.get_current_texture() {
             wgpu::CurrentSurfaceTexture::Success(frame) | wgpu::CurrentSurfaceTexture::Suboptimal(frame) => {
                 let view = frame.texture.create_view(&Default::default());
@@ -203,6 +227,9 @@ impl Painter {
                     Ok(renderer.record(gpu, &mut encoder, &Target::colour(&view, size), frame)?)
                 };
                 let counters = scene.map(|scene| scene(&mut record)).transpose()?;
+                if counters.is_some() && std::mem::take(&mut self.takes_picture) {
+                    picture = Some(TargetCopy::record(&self.gpu, &mut encoder, &frame.texture)?);
+                }
                 let load = if counters.is_some() {
                     wgpu::LoadOp::Load
                 } else {
@@ -249,8 +276,21 @@ impl Painter {
         for id in &old_textures {
             self.overlay.free_texture(id);
         }
-        Ok(Painted { counters, copy, repaint_after })
+        Ok(Painted { counters, copy, picture, repaint_after })
     }
+}
+
+/// Makes frames readable after they are drawn.
+fn allow_copies(
+    capabilities: &wgpu::SurfaceCapabilities,
+    config: &mut wgpu::SurfaceConfiguration,
+) -> anyhow::Result<()> {
+    anyhow::ensure!(
+        capabilities.usages.contains(wgpu::TextureUsages::COPY_SRC),
+        "this window's frames cannot be kept: its surface cannot be copied from"
+    );
+    config.usage |= wgpu::TextureUsages::COPY_SRC;
+    Ok(())
 }
 
 /// [`EMPTY_WINDOW`] as a clear colour for a target of this format.

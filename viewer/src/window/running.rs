@@ -1,5 +1,6 @@
 //! State that lives as long as the window, and the steps of its frames.
 
+mod commands;
 mod parts;
 mod source;
 mod streams;
@@ -13,9 +14,9 @@ use lodestream_render::{Counters, Pose, SceneView, Settings, Shadows, Timings, u
 use winit::dpi::{LogicalSize, PhysicalPosition};
 use winit::event::MouseButton;
 use winit::event_loop::{ActiveEventLoop, EventLoopProxy, OwnedDisplayHandle};
-use winit::keyboard::KeyCode;
 use winit::window::Window;
 
+use super::clicks::Clicks;
 use super::event::Event;
 use super::frame_capture::FrameCapture;
 use super::input;
@@ -63,6 +64,7 @@ pub(super) struct Running {
     choices: Choices,
     pub(super) keys: Keys,
     pub(super) button: Option<MouseButton>,
+    clicks: Clicks,
     pointer: PhysicalPosition<f64>,
     /// Where the button was pressed.
     pressed_at: PhysicalPosition<f64>,
@@ -81,6 +83,8 @@ pub(super) struct Running {
     ground_moves: bool,
     /// Height of the terrain below the eye over that of the scene without exaggeration.
     rise: f64,
+    /// A message about a written picture, and until when it is shown.
+    notice: Option<(Duration, String)>,
     /// Whether an event requires a frame.
     pub(super) dirty: bool,
     pub(super) shown: FrameLog,
@@ -158,6 +162,7 @@ impl Running {
             settings,
             keys: Keys::default(),
             button: None,
+            clicks: Clicks::default(),
             pointer: PhysicalPosition::default(),
             pressed_at: PhysicalPosition::default(),
             selection: Selection::default(),
@@ -171,6 +176,7 @@ impl Running {
             only_tiles_missing: false,
             ground_moves: false,
             rise: 0.0,
+            notice: None,
             dirty: false,
             shown: FrameLog::default(),
             capture: FrameCapture::default(),
@@ -224,7 +230,7 @@ impl Running {
         if self.ground_moves
             || !self.only_tiles_missing
             || std::mem::take(&mut self.dirty)
-            || self.keys.is_pushing()
+            || self.keys.moves_camera()
         {
             return Ok(false);
         }
@@ -269,6 +275,7 @@ impl Running {
     /// Draws a frame; returns the time until the next.
     pub(super) fn frame(&mut self, args: &Args) -> anyhow::Result<Duration> {
         self.dirty |= self.update_parts(args)?;
+        self.dirty |= self.drop_old_notice();
         if self.is_unchanged()? {
             return Ok(TILES_INTERVAL);
         }
@@ -279,6 +286,9 @@ impl Running {
         let painted = steps::run(&mut FrameSteps { running: self, args, began, now_s })?;
         self.frame_ms = began.elapsed().as_secs_f64() * 1e3;
         let shows = painted.counters.is_some();
+        if let Some(picture) = painted.picture {
+            self.write_picture(picture);
+        }
         let full = !self.choices.adapt || self.quality.is_full();
         if let Some(counters) = painted.counters {
             let (now, whole) = (self.now(), self.scene.is_whole());
@@ -311,16 +321,19 @@ impl Running {
         self.update_state(&drawn);
         // Quality is raised only once the camera rests.
         let better = if full { None } else { self.quality.due(self.now()) };
-        if self.only_tiles_missing && !self.keys.is_pushing() {
+        if self.only_tiles_missing && !self.keys.moves_camera() {
             return Ok(TILES_INTERVAL);
         }
-        if self.keys.is_pushing() || (shows && !drawn.is_final() && better.is_none_or(|wait| wait.is_zero()))
+        if self.keys.moves_camera()
+            || (shows && !drawn.is_final() && better.is_none_or(|wait| wait.is_zero()))
         {
             return Ok(Duration::ZERO);
         }
         // The overlay's values change while data arrives, and once more after it stops.
         let figures = self.state == State::Refining || self.bits_per_s > 0.0;
-        let repaint_after = painted.repaint_after.min(better.filter(|_| shows).unwrap_or(Duration::MAX));
+        let notice = self.notice_left().unwrap_or(Duration::MAX);
+        let repaint_after =
+            painted.repaint_after.min(notice).min(better.filter(|_| shows).unwrap_or(Duration::MAX));
         let interval = if shows && self.awaits_scene() { PROGRESS_INTERVAL } else { OVERLAY_INTERVAL };
         Ok(if figures { repaint_after.min(interval) } else { repaint_after })
     }
@@ -362,7 +375,7 @@ impl Running {
         if !shows {
             // New data does not change the empty window, and drawing it would delay the first frame.
             if let Some(left) = self.waiting.and_then(|at| OVERLAY_INTERVAL.checked_sub(at.elapsed())) {
-                return Ok(Painted { counters: None, copy: None, repaint_after: left });
+                return Ok(Painted { counters: None, copy: None, picture: None, repaint_after: left });
             }
             self.waiting = Some(Instant::now());
         } else {
@@ -416,21 +429,6 @@ impl Running {
         Ok(painted)
     }
 
-    /// Handles a key that went down or up.
-    ///
-    /// # Errors
-    /// Errors of the graphics device.
-    pub(super) fn key(&mut self, code: KeyCode, pressed: bool) -> anyhow::Result<()> {
-        input::key(self.now(), code, pressed, &mut self.keys, self.controller.as_mut(), &mut self.quality);
-        if code == KeyCode::KeyH && pressed && self.controller.is_some() {
-            self.choices.hidden ^= true;
-        }
-        if pressed && let Some(streaming) = &self.streaming {
-            self.selection.key(code, &self.painter.gpu, &mut self.scene, streaming)?;
-        }
-        Ok(())
-    }
-
     pub(super) fn drag(&mut self, to: PhysicalPosition<f64>) -> bool {
         let (dx, dy) = (to.x - self.pointer.x, to.y - self.pointer.y);
         self.pointer = to;
@@ -442,8 +440,14 @@ impl Running {
             }
             _ => return false,
         }
-        self.quality.moved(self.now());
+        self.camera_moved();
         true
+    }
+
+    /// Records that the camera was moved by hand, which stops the turntable.
+    pub(super) fn camera_moved(&mut self) {
+        self.keys.stop_turntable();
+        self.quality.moved(self.now());
     }
 }
 

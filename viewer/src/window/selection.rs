@@ -29,6 +29,8 @@ struct BehindProxy {
     left: u32,
 }
 
+/// Radius of the bounds about a place on a proxy, as a share of its distance.
+const PROXY_SHARE: f64 = 0.1;
 /// Questions about a ray, one a frame: an instance that cannot be drawn has no end.
 const MOST_QUESTIONS: u32 = 2_000;
 
@@ -41,6 +43,7 @@ pub(super) struct Selection {
     picking: Option<(Ray, Answer<Option<Hit>>)>,
     behind_proxy: Option<BehindProxy>,
     fitting: Option<Answer<Option<PartBounds>>>,
+    framing: Option<Answer<Option<PartBounds>>>,
 }
 
 impl Selection {
@@ -64,7 +67,10 @@ impl Selection {
 
     /// Whether an answer is awaited.
     pub(super) const fn awaits_answer(&self) -> bool {
-        self.picking.is_some() || self.behind_proxy.is_some() || self.fitting.is_some()
+        self.picking.is_some()
+            || self.behind_proxy.is_some()
+            || self.fitting.is_some()
+            || self.framing.is_some()
     }
 
     /// Instances that must be drawn themselves: those with states, and one of which a part is wanted.
@@ -79,6 +85,20 @@ impl Selection {
         // An answer to an earlier click is not wanted any more.
         self.behind_proxy = None;
         self.ask(ray, streaming, scene);
+    }
+
+    /// Asks for the bounds of the part that a ray meets, to move the camera to; of what is known as a proxy only, bounds
+    /// that bring it nearer.
+    pub(super) fn frame(&mut self, ray: Ray, streaming: &Streaming, scene: &SceneView) {
+        let hidden = scene.hidden_parts();
+        let answer = streaming.ask(move |core| {
+            let hit = core.pick(ray, |part| hidden.contains(part))?;
+            let radius = hit.distance * PROXY_SHARE;
+            let around = [hit.place - radius, hit.place + radius];
+            let nearer = PartBounds { extent: around, centre: hit.place, radius };
+            hit.scene_part().map_or(Some(nearer), |part| core.part_bounds(part))
+        });
+        self.framing = answer.ok();
     }
 
     fn ask(&mut self, ray: Ray, streaming: &Streaming, scene: &SceneView) {
@@ -123,6 +143,12 @@ impl Selection {
             }
         }
         Ok((changes, answered(&mut self.fitting).flatten()))
+    }
+
+    /// Takes the answer to [`Self::frame`], if it has come: the bounds to move the camera to, or `None` if the ray met
+    /// nothing.
+    pub(super) fn receive_frame(&mut self) -> Option<Option<PartBounds>> {
+        answered(&mut self.framing)
     }
 
     fn select(

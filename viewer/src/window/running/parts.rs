@@ -1,14 +1,15 @@
 //! Clicks and keys on parts of the scene.
 
+use std::time::Duration;
+
+use lodestream_client::core::Ray;
 use winit::event::MouseButton;
 
 use super::Running;
 use crate::args::Args;
 use crate::parts;
+use crate::window::clicks::CLICK_PX;
 use crate::window::selection;
-
-/// Movement of the pointer, in pixels, from which on a click is a drag.
-const CLICK_PX: f64 = 4.0;
 
 impl Running {
     /// Whether an answer about a part is awaited.
@@ -27,13 +28,19 @@ impl Running {
         streaming.pin_instances(self.selection.pinned_instances(&self.scene));
         streaming.move_parts(self.scene.moved_parts());
         let (selected, fitted) = self.selection.receive(&self.painter.gpu, streaming, &mut self.scene)?;
+        let framed = self.selection.receive_frame();
+        if let (Some(None), Some(controller)) = (framed, &mut self.controller) {
+            controller.reset();
+            self.camera_moved();
+        }
+        let fitted = fitted.or(framed.flatten());
         if let (Some(bounds), Some(controller)) = (fitted, &mut self.controller) {
             let [width, height] = self.painter.size().map(|side| f64::from(side.max(1)));
             let centre = bounds.centre + glam::DVec3::Y * self.rise;
             controller.fit(centre, bounds.radius, width / height);
-            self.quality.moved(self.now());
+            self.camera_moved();
         }
-        Ok(new || selected || fitted.is_some())
+        Ok(new || selected || fitted.is_some() || framed.is_some())
     }
 
     /// Handles a button that went down or up over the scene or, if `consumed`, over the overlay.
@@ -42,15 +49,36 @@ impl Running {
             self.pressed_at = self.pointer;
         } else if self.button == Some(MouseButton::Left) && button == MouseButton::Left && !consumed {
             let (dx, dy) = (self.pointer.x - self.pressed_at.x, self.pointer.y - self.pressed_at.y);
-            if dx.hypot(dy) < CLICK_PX
-                && let Some(streaming) = &self.streaming
-            {
-                let [width, height] = self.painter.size();
-                let at = [self.pointer.x, self.pointer.y];
-                let ray = selection::ray(&self.camera(), at, (width, height), self.rise);
-                self.selection.pick(ray, streaming, &self.scene);
+            if dx.hypot(dy) < CLICK_PX {
+                self.click();
+            } else {
+                self.clicks.forget();
             }
         }
         self.button = (pressed && !consumed).then_some(button);
+    }
+
+    fn click(&mut self) {
+        let (at, frame) = ([self.pointer.x, self.pointer.y], Duration::from_secs_f64(self.frame_ms / 1e3));
+        if self.clicks.click(self.now(), at, frame) {
+            return self.frame_pointer();
+        }
+        let ray = self.pointer_ray();
+        if let Some(streaming) = &self.streaming {
+            self.selection.pick(ray, streaming, &self.scene);
+        }
+    }
+
+    /// Asks what is under the pointer, to move the camera to it.
+    pub(super) fn frame_pointer(&mut self) {
+        let ray = self.pointer_ray();
+        if let Some(streaming) = &self.streaming {
+            self.selection.frame(ray, streaming, &self.scene);
+        }
+    }
+
+    fn pointer_ray(&self) -> Ray {
+        let [width, height] = self.painter.size();
+        selection::ray(&self.camera(), [self.pointer.x, self.pointer.y], (width, height), self.rise)
     }
 }

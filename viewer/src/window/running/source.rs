@@ -80,10 +80,9 @@ impl Running {
         let of_session = self.status.message().map(Into::into);
         let loading = || (!shows && self.streaming.is_some()).then(|| self.loading());
         let of_session: Option<String> = of_session.or_else(loading);
-        match (of_files, of_session) {
-            (Some(files), Some(session)) => Some(format!("{files}\n{session}")),
-            (one, other) => one.or(other),
-        }
+        let of_picture = self.notice.as_ref().map(|(_, notice)| notice.clone());
+        let lines: Vec<String> = [of_files, of_session, of_picture].into_iter().flatten().collect();
+        (!lines.is_empty()).then(|| lines.join("\n"))
     }
 
     /// Message shown until the first frame is complete.
