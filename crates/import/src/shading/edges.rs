@@ -5,7 +5,7 @@ use std::collections::HashMap;
 use glam::DVec3;
 use lodestream_geometry::mesh::{NONE, SourceMesh};
 
-use super::FaceShading;
+use super::face::FaceShading;
 
 /// The faces of a mesh around its vertices. Equal positions of a part are one vertex.
 pub(super) struct Surface {

@@ -6,6 +6,7 @@
 //! faces are shaded apart; all other normals are computed from the faces that are drawn.
 
 mod edges;
+mod face;
 mod patches;
 #[cfg(test)]
 mod tests;
@@ -17,6 +18,8 @@ use lodestream_scene::asset::MAX_MATERIALS;
 use crate::model::{Imported, ImportedMaterial};
 use crate::setting;
 use edges::Surface;
+use face::Flatness;
+pub(crate) use face::{FaceShading, ShadingRuns};
 use patches::Patches;
 
 setting! {
@@ -32,50 +35,6 @@ impl CreaseAngle {
 impl Default for CreaseAngle {
     fn default() -> Self {
         Self(40.0)
-    }
-}
-
-/// How a face is shaded.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum FaceShading {
-    /// By the normals of its corners.
-    Given,
-    /// By its own normal.
-    Flat,
-    /// Smoothly with the faces of its smoothing group, whatever their angle.
-    Group(u32),
-    /// Smoothly with neighbours at less than the crease angle.
-    Creased,
-}
-
-/// The shading of all faces of a mesh: runs of equal ones.
-#[derive(Clone, Debug, Default)]
-pub(crate) struct ShadingRuns {
-    /// Each with the face before which it ends.
-    runs: Vec<(usize, FaceShading)>,
-}
-
-impl ShadingRuns {
-    /// All faces alike.
-    pub(crate) fn all(shading: FaceShading, faces: usize) -> Self {
-        Self { runs: vec![(faces, shading)] }
-    }
-
-    /// Says that faces up to `end`, and after those stated before, are shaded so.
-    pub(crate) fn push(&mut self, end: usize, shading: FaceShading) {
-        match self.runs.last_mut() {
-            Some((last, same)) if *same == shading => *last = end,
-            _ => self.runs.push((end, shading)),
-        }
-    }
-
-    fn of_faces(&self) -> impl Iterator<Item = FaceShading> + '_ {
-        let mut start = 0;
-        self.runs.iter().flat_map(move |&(end, shading)| {
-            let run = std::iter::repeat_n(shading, end.saturating_sub(start));
-            start = end;
-            run
-        })
     }
 }
 
@@ -108,7 +67,7 @@ fn shade(
     shading: &ShadingRuns,
     crease: CreaseAngle,
 ) {
-    if shading.runs.iter().all(|(_, shading)| *shading == FaceShading::Given) {
+    if shading.are_given() {
         return;
     }
     let faces: Vec<FaceShading> = shading.of_faces().collect();
@@ -118,14 +77,6 @@ fn shade(
     let flat = Patches::new(mesh, &surface, &faces, least).flat_faces(&faces);
     let flat = flat_materials(mesh, materials, flat);
     surface.give_normals(mesh, &faces, &flat, least);
-}
-
-/// Whether a face's patch of surface has to be flat, may be, or must not.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Flatness {
-    Must,
-    May,
-    MustNot,
 }
 
 /// Decides for each material, and copies those of which some faces have to be flat and others must not. Returns for

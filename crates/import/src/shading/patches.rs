@@ -4,7 +4,7 @@ use lodestream_geometry::mesh::SourceMesh;
 use lodestream_geometry::normals::cosine;
 
 use super::edges::{Surface, join, root};
-use super::{FaceShading, Flatness};
+use super::face::{FaceShading, Flatness};
 
 /// Up to this angle neighbours lie in one plane, in degrees: flat and smooth look alike.
 const PLANAR_DEGREES: f64 = 1.0;
