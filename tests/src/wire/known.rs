@@ -502,7 +502,8 @@ fn material(material: &Material) -> Value {
     if let Some(texture) = material.emission_texture {
         value["emission_texture"] = json!(texture);
     }
-    if (material.alpha, material.unlit, material.wrap) != (Alpha::Opaque, false, [Wrap::Repeat; 2]) {
+    let Material { alpha, unlit, flat, wrap, .. } = material;
+    if (*alpha, *unlit, *flat, *wrap) != (Alpha::Opaque, false, false, [Wrap::Repeat; 2]) {
         let wrap = |wrap| match wrap {
             Wrap::Repeat => "repeat",
             Wrap::Clamp => "clamp",
@@ -514,6 +515,7 @@ fn material(material: &Material) -> Value {
             Alpha::Blend => "blend",
         });
         value["unlit"] = json!(material.unlit);
+        value["flat"] = json!(material.flat);
         value["wrap"] = json!(material.wrap.map(wrap));
         if let Alpha::Mask(cutoff) = material.alpha {
             value["cutoff"] = json!((cutoff * 255.0).round() as u8);
