@@ -30,8 +30,12 @@ fn names(folder: &Path) -> Vec<String> {
     entries.map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect()
 }
 
+/// From one place: what the viewer prepares is framed by its surfaces, a scene that a test opens by spheres.
+const CAMERA: [&str; 2] = ["--camera", "eye=1,1,4;target=0,0,0"];
+
 fn headless(file: &Path, cache: &Path, picture: &Path) -> Output {
-    Program::headless(file.to_str().unwrap(), picture, &["--cache", cache.to_str().unwrap()]).end()
+    let arguments = [&CAMERA[..], &["--cache", cache.to_str().unwrap()]].concat();
+    Program::headless(file.to_str().unwrap(), picture, &arguments).end()
 }
 
 #[test]
@@ -56,7 +60,7 @@ fn a_file_looks_as_a_server_shows_it_and_is_prepared_once() {
     let scene = of_files(&[at("ball.obj")]).unwrap();
     let scene = TestScene::open(&scene, prepare_all(&scene, &at("other cache")));
     let server = Server::start(scene.source(), SessionSettings::default());
-    let streamed = Program::headless(&server.url(Transport::Quic), &at("streamed.png"), &[]).end();
+    let streamed = Program::headless(&server.url(Transport::Quic), &at("streamed.png"), &CAMERA).end();
     assert!(streamed.status.success(), "{}", errors(&streamed));
     // The pack by itself, too, and all of the folder that has it.
     let pack = headless(&cache.join(&packs[0]), &cache, &at("pack.png"));

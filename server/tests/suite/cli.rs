@@ -36,7 +36,7 @@ fn refused(arguments: &[&str], fragments: &[&str]) {
 
 /// A closed, bumpy sphere, smooth enough to simplify; every edge has two faces.
 fn sphere_obj(rings: usize, segments: usize) -> String {
-    let mut obj = String::from("v 0 1 0\nv 0 -1 0\n");
+    let mut obj = String::from("s 1\nv 0 1 0\nv 0 -1 0\n");
     for ring in 1..rings {
         for segment in 0..segments {
             let theta = std::f64::consts::PI * ring as f64 / rings as f64;
@@ -318,8 +318,8 @@ fn bad_models_are_refused_and_leave_no_pack() {
         (String::new(), "is empty"),
         (format!("{triangle}f 1 2 9\n"), ":4: face refers to vertex 9"),
         (format!("{triangle}f 1 2 -9\n"), ":4: face refers to vertex -9"),
-        (format!("{triangle}v nan 0 0\nf 1 2 3\n"), ":4: vertex"),
-        (format!("{triangle}v 1e39 0 0\nf 1 2 3\n"), ":4: vertex"),
+        (format!("{triangle}v nan 0 0\nf 1 2 4\n"), ":4: vertex"),
+        (format!("{triangle}v 1e39 0 0\nf 1 2 4\n"), ":4: vertex"),
         (format!("{triangle}l 1 2\np 3\n"), "has no faces"),
         (format!("{triangle}f 1 1 2\n"), "no usable face"),
         ("\0\u{1}\u{2}".repeat(99), "not text"),

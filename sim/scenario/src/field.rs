@@ -90,7 +90,8 @@ impl Field {
 
 /// A sphere over the faces of a cube with `edge`² quads each, its radius modulated by noise, as OBJ.
 fn boulder(seed: u32, edge: u32) -> String {
-    let mut text = String::new();
+    // Smooth: noise is no crease.
+    let mut text = String::from("s 1\n");
     let n = edge + 1;
     for side in 0..6_u32 {
         for j in 0..n {

@@ -12,8 +12,9 @@ use super::Viewer;
 const HEAPS_BYTES: f64 = 17e6;
 /// Share of render targets.
 const TARGETS_SHARE: f64 = 0.75;
-/// The streamer's share of content for texels (`Config::bound_memory`), and most of it for tiles.
-const TEXELS_SHARE: f64 = 0.25;
+/// Share of content for tiles: what the streamer selects (`Config::bound_memory`, a quarter) always fits, although tiles
+/// fill only two thirds of it where a larger array replaced a smaller one. And most for tiles, in bytes.
+const TILES_SHARE: f64 = 0.3;
 const MAX_TILE_BYTES: u64 = 256 << 20;
 /// Bytes of a pixel of the canvas: browsers keep one picture that is drawn and one that is shown.
 const CANVAS_BYTES: u64 = 2 * 4;
@@ -28,7 +29,7 @@ impl Viewer {
 
     /// Bounds the renderer's pages for tiles of textures as the streamer bounds texels.
     pub(super) fn bound_tiles(&self) {
-        let bytes = (self.content_bytes() * TEXELS_SHARE) as u64;
+        let bytes = (self.content_bytes() * TILES_SHARE) as u64;
         self.renderer.set_texture_tile_budget(bytes.min(MAX_TILE_BYTES));
     }
 
