@@ -60,8 +60,8 @@ pub struct Config {
 const FACE_BYTES: u64 = 360;
 /// Steps by which the faces that are selected follow the memory that meshes take: small changes change no selection.
 const MESH_STEPS: u64 = 16;
-/// Bytes that a texel takes in GPU memory: four, the borders of tiles, and pages without a tile.
-const TEXEL_BYTES: u64 = 5;
+/// Bytes of a texel in GPU memory. Pages for tiles without one are of what is not shared out.
+const TEXEL_BYTES: u64 = 4;
 
 impl Config {
     /// Sets the cache and the budgets of the selection so that client and renderer together take at most about

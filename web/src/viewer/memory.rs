@@ -14,7 +14,7 @@ const HEAPS_BYTES: f64 = 17e6;
 const TARGETS_SHARE: f64 = 0.75;
 /// Share of content for tiles: what the streamer selects (`Config::bound_memory`, a quarter) always fits, although tiles
 /// fill only two thirds of it where a larger array replaced a smaller one. And most for tiles, in bytes.
-const TILES_SHARE: f64 = 0.3;
+const TILES_SHARE: f64 = 0.4;
 const MAX_TILE_BYTES: u64 = 256 << 20;
 /// Bytes of a pixel of the canvas: browsers keep one picture that is drawn and one that is shown.
 const CANVAS_BYTES: u64 = 2 * 4;
