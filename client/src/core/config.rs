@@ -60,7 +60,7 @@ pub struct Config {
 const FACE_BYTES: u64 = 360;
 /// Steps by which the faces that are selected follow the memory that meshes take: small changes change no selection.
 const MESH_STEPS: u64 = 16;
-/// Bytes of a texel in GPU memory. Pages for tiles without one are of what is not shared out.
+/// Bytes of a texel in GPU memory, without the borders of tiles and free pages.
 const TEXEL_BYTES: u64 = 4;
 
 impl Config {

@@ -60,7 +60,7 @@ impl Unshaded {
 /// Shades the faces of a mesh that have no normals: makes materials flat, copies materials that are flat on some of
 /// their faces, and gives normals to corners where smooth surfaces end. Without such faces nothing changes.
 ///
-/// Cost: about 0.4 µs and 60 bytes a face.
+/// Cost: two passes over the edges, each a sort around every vertex.
 fn shade(
     mesh: &mut SourceMesh,
     materials: &mut Vec<ImportedMaterial>,
