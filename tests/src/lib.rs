@@ -106,6 +106,8 @@ mod walls;
 #[cfg(test)]
 mod window;
 #[cfg(test)]
+mod window_keys;
+#[cfg(test)]
 mod window_parts;
 #[cfg(test)]
 mod wire;

@@ -11,47 +11,22 @@ use lodestream_protocol::source::SceneSource as _;
 use crate::parts::write_house;
 use crate::support::daemon::{Server, Transport};
 use crate::support::picture::skipped;
-use crate::support::program::{Program, RUN_LIMIT, SIZE_PX};
+use crate::support::program::{Program, RUN_LIMIT};
 use crate::support::scene::{TestScene, prepare_all};
-use crate::support::x11::OpenWindow;
+use crate::support::window_pictures::{OTHER_PIXELS, differing, wait_for, wait_for_another};
+use crate::support::x11::F12;
 
 /// Part 7 is in the middle, 6 and 8 are beside it.
 const CAMERA: [&str; 2] = ["--camera", "eye=21.3,0.3,3.5;target=21.3,0.3,0;fov=50"];
 /// Parts change the shadows and the occlusion of others otherwise.
 const PLAIN: [&str; 3] = ["--no-overlay", "--no-shadows", "--no-ao"];
 const MIDDLE: [i16; 2] = [160, 90];
-/// Keysym of the key that writes a picture.
-const F12: u32 = 0xffc9;
-/// Largest share of pixels in which a window and a headless picture of the same view differ: edges that are rounded
-/// otherwise. A part covers five times as many.
-const OTHER_PIXELS: f64 = 0.004;
-
-/// Share of the pixels that differ.
-fn differing(a: &RgbImage, b: &RgbImage) -> f64 {
-    let differ = |(a, b): (&image::Rgb<u8>, &image::Rgb<u8>)| (0..3).any(|i| a.0[i].abs_diff(b.0[i]) > 6);
-    let count = a.pixels().zip(b.pixels()).filter(|pixels| differ(*pixels)).count();
-    count as f64 / f64::from(a.width() * a.height())
-}
-
 /// What a headless viewer draws of the same view.
 fn drawn(url: &str, folder: &Path, arguments: &[&str]) -> RgbImage {
     let picture = folder.join("picture.png");
     let output = Program::headless(url, &picture, &[&CAMERA[..], &PLAIN, arguments].concat()).end();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     image::open(&picture).unwrap().into_rgb8()
-}
-
-/// Waits until the window shows a picture.
-fn wait_for(window: &OpenWindow, what: &str, expected: &RgbImage) {
-    let until = Instant::now() + RUN_LIMIT;
-    loop {
-        let differs = differing(&window.picture(SIZE_PX), expected);
-        if differs <= OTHER_PIXELS {
-            return;
-        }
-        assert!(Instant::now() < until, "{what}: {differs} of the pixels differ");
-        std::thread::sleep(Duration::from_millis(20));
-    }
 }
 
 #[test]
@@ -91,25 +66,15 @@ fn a_click_in_the_window_selects_a_part_and_keys_hide_isolate_fit_and_show_it() 
     wait_for(&window, "all is shown", &whole);
     window.click(x, y);
     wait_for(&window, "selected again", &selected);
-    window.press('i');
+    window.press('l');
     wait_for(&window, "isolated", &isolated);
     window.press('z');
-    let until = Instant::now() + RUN_LIMIT;
-    while differing(&window.picture(SIZE_PX), &isolated) < 5.0 * OTHER_PIXELS {
-        assert!(Instant::now() < until, "the camera does not move to the part");
-        std::thread::sleep(Duration::from_millis(20));
-    }
+    wait_for_another(&window, "the camera moves to the part", &isolated);
     window.press('r');
     wait_for(&window, "the start view", &isolated);
     window.press('u');
     wait_for(&window, "all is shown again", &whole);
-    let moved = |what: &str| {
-        let until = Instant::now() + RUN_LIMIT;
-        while differing(&window.picture(SIZE_PX), &whole) < 5.0 * OTHER_PIXELS {
-            assert!(Instant::now() < until, "{what}: the picture does not change");
-            std::thread::sleep(Duration::from_millis(20));
-        }
-    };
+    let moved = |what: &str| wait_for_another(&window, what, &whole);
     window.press('7');
     moved("from above");
     // The start view is one from the front.

@@ -9,6 +9,7 @@ use std::str::FromStr;
 use clap::Parser;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use glam::DVec3;
+use lodestream_bake::scene::UpAxis;
 use lodestream_scene::description::Camera;
 use lodestream_scene::view::View;
 
@@ -27,9 +28,14 @@ pub(crate) struct Args {
     /// What to show: models (OBJ, glTF, GLB, PLY, STL) and packs (.lsp), side by side, or a folder of them; a scene file
     /// (.toml), a published scene (.lss) or a folder with one; or a server's address: quic://HOST:PORT#PIN (as the
     /// server prints it), wss://HOST:PORT or ws://HOST:PORT; of a server with several scenes, with the scene's name behind
-    /// it: ws://HOST:PORT/NAME. Without a fingerprint, the certificate must be signed by an authority that the system trusts
-    #[arg(value_name = "FILE | ADDRESS", required = true)]
+    /// it: ws://HOST:PORT/NAME. Without a fingerprint, the certificate must be signed by an authority that the system
+    /// trusts. Without anything, an empty window opens, into which files can be dropped
+    #[arg(value_name = "FILE | ADDRESS",
+        required_if_eq_any([("headless", "true"), ("exit_when_settled", "true")]))]
     pub(crate) files: Vec<OsString>,
+    /// Print help with all options
+    #[arg(long)]
+    pub(crate) help_all: bool,
     /// Show files anew when they change; the camera stays
     #[arg(long, conflicts_with = "headless")]
     pub(crate) watch: bool,
@@ -38,9 +44,16 @@ pub(crate) struct Args {
     #[arg(long, value_name = "IP:PORT", num_args = 0..=1, require_equals = true,
         default_missing_value = "0.0.0.0:4433", conflicts_with = "headless")]
     pub(crate) share: Option<SocketAddr>,
+    /// Axis of models that points up: x, y, z, -x, -y or -z [default: z for STL, y for others]
+    #[arg(long, value_name = "AXIS", allow_hyphen_values = true)]
+    pub(crate) up: Option<UpAxis>,
     /// Folder of files' prepared packs [default: $XDG_CACHE_HOME/lodestream or ~/.cache/lodestream]
     #[arg(long, env = "LODESTREAM_CACHE", value_name = "DIR")]
     pub(crate) cache: Option<PathBuf>,
+    /// Settings file, with the keys of the window [default: $XDG_CONFIG_HOME/lodestream/viewer.toml or
+    /// ~/.config/lodestream/viewer.toml, if there is one]
+    #[arg(long, env = "LODESTREAM_VIEWER_SETTINGS", value_name = "FILE", conflicts_with = "headless")]
+    pub(crate) settings: Option<PathBuf>,
     /// Trust only the certificate authorities in this file (PEM), not the system's
     #[arg(long, value_name = "FILE")]
     pub(crate) ca: Option<PathBuf>,
@@ -433,7 +446,10 @@ mod tests {
         assert!("0".parse::<PixelError>().is_err() && "nan".parse::<PixelError>().is_err());
         assert!("0".parse::<Seconds>().is_err() && "1e300".parse::<Seconds>().is_err());
         assert!(Args::try_parse_from(["viewer", "ws://h:1", "--headless"]).is_err());
-        assert!(Args::try_parse_from(["viewer"]).is_err());
+        assert!(Args::try_parse_from(["viewer"]).is_ok());
+        for alone in [&["--headless", "--output", "x.png"][..], &["--exit-when-settled"]] {
+            assert!(Args::try_parse_from([&["viewer"], alone].concat()).is_err(), "{alone:?}");
+        }
         let args = Args::try_parse_from([
             "viewer",
             "ws://h:1",

@@ -6,10 +6,10 @@ use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
 use anyhow::Context as _;
-use clap::{Command, CommandFactory as _, Parser, Subcommand};
+use clap::{Command, Parser, Subcommand};
 use clap_complete::Shell;
 
-use crate::args::Args;
+use crate::arg_groups;
 
 /// The command line without an address.
 #[derive(Debug, Parser)]
@@ -54,9 +54,9 @@ pub(crate) fn run(arguments: &[OsString]) -> anyhow::Result<bool> {
     let WithoutAddress { command: GenerateCommand::Generate { target } } =
         WithoutAddress::parse_from(arguments);
     match target {
-        GenerateTarget::Completions { shell } => completions(shell, Args::command()),
+        GenerateTarget::Completions { shell } => completions(shell, arg_groups::command(true)),
         GenerateTarget::Man { folder } => {
-            man(&folder, Args::command()).with_context(|| folder.display().to_string())?
+            man(&folder, arg_groups::command(true)).with_context(|| folder.display().to_string())?
         }
     }
     Ok(true)

@@ -154,7 +154,7 @@ fn prepare(
     notify: impl Fn() + Clone + Send + 'static,
     events: &mpsc::Receiver<Event>,
 ) -> anyhow::Result<Result<(Preparation, Address), u8>> {
-    let options = LocalOptions { cache: args.cache.clone(), ..LocalOptions::default() };
+    let options = LocalOptions { cache: args.cache.clone(), up: args.up, ..LocalOptions::default() };
     let preparation = Preparation::start(files, options, notify)?;
     let begun = Instant::now();
     loop {

@@ -1,5 +1,6 @@
 //! The program `lodestream-viewer`: command line, headless mode, window.
 
+mod arg_groups;
 mod args;
 mod figures;
 mod files;
@@ -12,18 +13,19 @@ mod outcome;
 mod part_args;
 mod part_names;
 mod parts;
+mod recent;
 mod report;
 mod run;
+mod settings_file;
 mod signals;
 mod token;
 mod window;
 
+use std::io::Write as _;
 #[cfg(target_os = "linux")]
 use std::path::Path;
 use std::process::ExitCode;
 
-use args::Args;
-use clap::Parser;
 use local::Target;
 use outcome::Outcome;
 
@@ -65,8 +67,22 @@ fn run() -> anyhow::Result<Outcome> {
     if generate::run(&arguments)? {
         return Ok(Outcome::Finished);
     }
-    let args = Args::parse_from(arguments);
-    let target = Target::of(&args.files)?;
-    run::check(&args, &target)?;
-    if args.headless { headless::run(&args, target) } else { window::run(&args, target) }
+    let args = arg_groups::parse(arguments);
+    if args.help_all {
+        let help = arg_groups::command(true).render_long_help();
+        // A closed pipe is not an error.
+        let _ = writeln!(std::io::stdout(), "{help}");
+        return Ok(Outcome::Finished);
+    }
+    let target = if args.files.is_empty() { None } else { Some(Target::of(&args.files)?) };
+    if let Some(target) = &target {
+        run::check(&args, target)?;
+    }
+    let outcome = match target {
+        Some(target) if args.headless => headless::run(&args, target),
+        target => window::run(&args, target),
+    };
+    // Threads may still be preparing files.
+    local::remove_at_once();
+    outcome
 }

@@ -34,6 +34,9 @@ pub(crate) fn check(args: &Args, target: &Target) -> anyhow::Result<()> {
     if matches!(target, Target::Stream(_)) && args.share.is_some() {
         bail!("--share is for files; others can open the address that you have opened");
     }
+    if matches!(target, Target::Stream(_)) && args.up.is_some() {
+        bail!("--up is for files; a server's scene says itself how its models stand");
+    }
     if matches!(target, Target::Files(_)) && args.ca.is_some() {
         bail!("--ca has no effect: a file needs no certificate");
     }

@@ -47,7 +47,8 @@ fn invalid_addresses_are_refused() {
 fn what_is_neither_a_file_nor_an_address_is_refused_as_both() {
     let message = refused(&["no such model.obj"], &["no file or folder", "model.obj", "server address"]);
     assert_eq!(message.trim_end().lines().count(), 1, "{message}");
-    refused(&[], &["FILE | ADDRESS"]);
+    refused(&["--headless", "--output", "x.png"], &["FILE | ADDRESS"]);
+    refused(&["--exit-when-settled"], &["FILE | ADDRESS"]);
     let folder = tempfile::tempdir().unwrap();
     refused(&[folder.path().to_str().unwrap()], &["has no model"]);
     let notes = folder.path().join("notes.txt");
@@ -56,6 +57,10 @@ fn what_is_neither_a_file_nor_an_address_is_refused_as_both() {
     let arguments =
         [notes.to_str().unwrap(), "--headless", "--output", "x.png", "--cache", cache.to_str().unwrap()];
     refused(&arguments, &["notes.txt"]);
+    let settings = folder.path().join("viewer.toml");
+    std::fs::write(&settings, "[keys]\ncut = \"C\"\n").unwrap();
+    let address = ["ws://127.0.0.1:9", "--settings", settings.to_str().unwrap()];
+    refused(&address, &["viewer.toml", "no action \"cut\""]);
 }
 
 #[test]

@@ -247,6 +247,54 @@ impl ClientCore {
     }
 
     /// An instance whose base mesh has arrived, and its mesh.
+    /// The scene's parts by instance, at most `most`. Of instances without a base mesh yet the first part alone is known.
+    #[must_use]
+    pub fn scene_parts(&self, most: usize) -> Vec<ScenePart> {
+        let numbers = (0..).zip(self.scene.instances().all());
+        let parts = |instance| self.placed_mesh(instance).map_or(1, |(_, mesh)| mesh.part_count().max(1));
+        numbers
+            .flat_map(|(instance, _)| (0..parts(instance)).map(move |part| ScenePart { instance, part }))
+            .take(most)
+            .collect()
+    }
+
+    /// A place of the world in the units and axes of an instance's asset, unmoved; `None` without such an instance.
+    #[must_use]
+    pub fn in_asset(&self, instance: u32, place: DVec3) -> Option<DVec3> {
+        let placement = &self.scene.instances().all().get(instance as usize)?.placement;
+        let turned =
+            placement.orientation().as_dquat().inverse() * (place - DVec3::from(placement.translation));
+        Some(turned / f64::from(placement.scale))
+    }
+
+    /// Longest distance of a vertex at full detail from its place in the input, in world units: positions are rounded to a
+    /// grid. `None` before the instance's base mesh is here.
+    #[must_use]
+    pub fn rounding(&self, instance: u32) -> Option<f64> {
+        let (instance, mesh) = self.placed_mesh(instance)?;
+        Some(0.5 * 3.0_f64.sqrt() * mesh.grid().step * f64::from(instance.placement.scale))
+    }
+
+    /// Bounds of all instances that are known, by their spheres; `None` before there are any.
+    #[must_use]
+    pub fn scene_bounds(&self) -> Option<PartBounds> {
+        let spheres = self.scene.instances().all().iter().filter_map(|instance| {
+            let entry = self.scene.states.get(instance.asset as usize)?.entry();
+            let centre = DVec3::from(entry.origin) + DVec3::from(entry.sphere.center.map(f64::from));
+            let radius = f64::from(entry.sphere.radius) * f64::from(instance.placement.scale);
+            Some((instance.placement.to_world(centre), radius))
+        });
+        let extent = spheres.fold(None, |extent: Option<[DVec3; 2]>, (centre, radius)| {
+            let [low, high] = extent.unwrap_or([centre; 2]);
+            Some([low.min(centre - radius), high.max(centre + radius)])
+        });
+        extent.map(|[low, high]| PartBounds {
+            extent: [low, high],
+            centre: (low + high) / 2.0,
+            radius: (high - low).length() / 2.0,
+        })
+    }
+
     fn placed_mesh(&self, instance: u32) -> Option<(&Instance, &ActiveMesh)> {
         let instance = self.scene.instances().all().get(instance as usize)?;
         Some((instance, self.mesh(instance.asset)?))

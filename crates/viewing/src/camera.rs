@@ -114,20 +114,34 @@ impl CameraController {
         self.now.target = (self.target() + by).into();
     }
 
-    /// A drag of so many pixels to the right and down turns the view.
-    pub fn turn(&mut self, dx: f64, dy: f64) {
-        let forward = self.forward();
+    /// The turn of a drag.
+    fn turn_of(&self, dx: f64, dy: f64) -> DQuat {
         // Limited at the poles, so that up stays up.
-        let angle = forward.angle_between(self.up());
+        let angle = self.forward().angle_between(self.up());
         let pitch = (-dy * TURN_PER_PX).max(angle - std::f64::consts::PI + POLE).min(angle - POLE);
-        let turned = DQuat::from_axis_angle(self.up(), -dx * TURN_PER_PX)
-            * DQuat::from_axis_angle(self.right(), pitch)
-            * forward;
+        DQuat::from_axis_angle(self.up(), -dx * TURN_PER_PX) * DQuat::from_axis_angle(self.right(), pitch)
+    }
+
+    /// A drag of so many pixels to the right and down turns the view: in orbit about the target, in flight about the
+    /// eye.
+    pub fn turn(&mut self, dx: f64, dy: f64) {
+        let turned = self.turn_of(dx, dy) * self.forward();
         let distance = self.distance();
         match self.mode {
             Mode::Orbit => self.now.eye = (self.target() - turned * distance).into(),
             Mode::Fly => self.now.target = (self.eye() + turned * distance).into(),
         }
+    }
+
+    /// As [`Self::turn`], in orbit about `pivot`, which stays at its place in the picture.
+    pub fn turn_about(&mut self, pivot: DVec3, dx: f64, dy: f64) {
+        if self.mode == Mode::Fly || !pivot.is_finite() {
+            return self.turn(dx, dy);
+        }
+        let (turn, forward, distance) = (self.turn_of(dx, dy), self.forward(), self.distance());
+        let eye = pivot + turn * (self.eye() - pivot);
+        self.now.eye = eye.into();
+        self.now.target = (eye + turn * forward * distance).into();
     }
 
     /// A drag that moves the scene with the pointer.
@@ -148,6 +162,19 @@ impl CameraController {
             }
             Mode::Fly => self.speed = (self.speed / factor).clamp(1e-9, 1e12),
         }
+    }
+
+    /// As [`Self::wheel`], in orbit nearer to `pivot`, which stays at its place in the picture.
+    pub fn wheel_to(&mut self, pivot: DVec3, lines: f64) {
+        let factor = DOLLY_PER_LINE.powf(lines.clamp(-20.0, 20.0));
+        if self.mode == Mode::Fly
+            || !pivot.is_finite()
+            || !(1e-9..=1e12).contains(&(self.distance() * factor))
+        {
+            return self.wheel(lines);
+        }
+        self.now.eye = (pivot + (self.eye() - pivot) * factor).into();
+        self.now.target = (pivot + (self.target() - pivot) * factor).into();
     }
 
     /// Moves by keys held for `seconds`.
@@ -291,6 +318,40 @@ mod tests {
         let mut tilted = CameraController::new(camera);
         tilted.look_from(Side::Front);
         assert!((tilted.forward() - DVec3::Y).length() < 1e-9, "{}", tilted.forward());
+    }
+
+    /// Where a point is in view space, over its depth.
+    fn seen(controller: &CameraController, point: DVec3) -> DVec3 {
+        let local = controller.pose().rotation.conjugate() * (point - controller.eye());
+        local / -local.z
+    }
+
+    #[test]
+    fn a_pivot_stays_at_its_place_in_the_picture() {
+        let (pivot, mut controller) = (DVec3::new(2.0, -1.0, 3.0), controller());
+        for (dx, dy) in [(40.0, -15.0), (-300.0, 60.0), (5.0, 5.0)] {
+            let (before, distance) = (seen(&controller, pivot), controller.distance());
+            controller.turn_about(pivot, dx, dy);
+            assert!((seen(&controller, pivot) - before).length() < 1e-6, "{dx} {dy}");
+            assert!((controller.distance() - distance).abs() < 1e-9);
+            for lines in [2.0, -1.0] {
+                let (before, away) = (seen(&controller, pivot), controller.eye().distance(pivot));
+                controller.wheel_to(pivot, lines);
+                assert!((seen(&controller, pivot) - before).length() < 1e-6, "{lines}");
+                assert_eq!(controller.eye().distance(pivot) < away, lines > 0.0);
+            }
+        }
+        // About the target it is the usual turn.
+        let mut usual = self::controller();
+        let mut about = usual;
+        usual.turn(30.0, 20.0);
+        about.turn_about(about.target(), 30.0, 20.0);
+        assert!((usual.eye() - about.eye()).length() < 1e-9 && about.target().length() < 1e-9);
+        // Never through it.
+        for _ in 0..10_000 {
+            controller.wheel_to(pivot, 20.0);
+        }
+        assert!(controller.distance() > 0.0 && controller.eye().is_finite());
     }
 
     #[test]

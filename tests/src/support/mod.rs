@@ -2,6 +2,7 @@
 
 pub(crate) mod authority;
 pub(crate) mod daemon;
+pub(crate) mod drag_and_drop;
 pub(crate) mod picture;
 pub(crate) mod program;
 pub(crate) mod raw;
@@ -10,6 +11,7 @@ pub(crate) mod shapes;
 pub(crate) mod source;
 pub(crate) mod viewer;
 pub(crate) mod virtual_link;
+pub(crate) mod window_pictures;
 pub(crate) mod x11;
 
 use std::time::Duration;

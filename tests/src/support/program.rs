@@ -67,7 +67,14 @@ impl Program {
     /// As [`Self::in_window`], with a current folder.
     pub(crate) fn in_window_from(folder: &Path, address: &str, arguments: &[&str]) -> Self {
         let display = Display::start();
-        Self { child: spawn(folder, address, arguments, Some(&display.name)), display: Some(display) }
+        Self { child: spawn(folder, Some(address), arguments, Some(&display.name)), display: Some(display) }
+    }
+
+    /// Opens a small window without anything in it.
+    pub(crate) fn in_empty_window(arguments: &[&str]) -> Self {
+        let display = Display::start();
+        let child = spawn(Path::new("."), None, arguments, Some(&display.name));
+        Self { child, display: Some(display) }
     }
 
     /// Draws into a window until settled, and writes frames into a folder and figures into a file.
@@ -83,7 +90,7 @@ impl Program {
     pub(crate) fn headless(address: &str, picture: &Path, arguments: &[&str]) -> Self {
         let output = ["--headless", "--output", picture.to_str().unwrap()];
         Self {
-            child: spawn(Path::new("."), address, &[&output[..], arguments].concat(), None),
+            child: spawn(Path::new("."), Some(address), &[&output[..], arguments].concat(), None),
             display: None,
         }
     }
@@ -121,13 +128,17 @@ impl Program {
     }
 }
 
-fn spawn(folder: &Path, address: &str, arguments: &[&str], display: Option<&str>) -> Child {
+fn spawn(folder: &Path, address: Option<&str>, arguments: &[&str], display: Option<&str>) -> Child {
     let [width, height] = SIZE_PX;
     let mut command = Command::new(program("lodestream-viewer"));
     command
         .current_dir(folder)
-        .args([address, "--window", &format!("{width}x{height}")])
+        .args(address)
+        .args(["--window", &format!("{width}x{height}")])
         .args(arguments)
+        // Neither the user's settings nor what they opened last.
+        .env("XDG_CONFIG_HOME", "/dev/null")
+        .env("XDG_STATE_HOME", "/dev/null")
         .env_remove("DISPLAY")
         .env_remove("WAYLAND_DISPLAY")
         .env_remove("RUST_LOG")

@@ -1,9 +1,10 @@
 //! The temporary folder of published scenes. It lies in the cache folder, so that its packs are further names of the cached
 //! ones, and is removed with the program's end.
 
+use std::collections::BTreeSet;
 use std::fs::File;
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, SystemTime};
 
 use anyhow::{Context as _, bail};
@@ -19,15 +20,19 @@ use super::target::published;
 const ATTEMPTS: u32 = 20;
 const PAUSE: Duration = Duration::from_millis(5);
 
-/// The program's folder, for its end at once.
-static FOLDER: Mutex<Option<PathBuf>> = Mutex::new(None);
+/// The program's folders that are not closed yet.
+static FOLDERS: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
 
-/// Removes the program's folder and unfinished files, where it ends without [`SceneFolder::close`].
+fn folders() -> MutexGuard<'static, BTreeSet<PathBuf>> {
+    FOLDERS.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Removes the program's folders, and what other threads are writing to the cache: for the program's end, which does not
+/// wait for them. Later writes of output files fail.
 pub(crate) fn remove_at_once() {
     abandon_unfinished();
-    if let Some(folder) = FOLDER.lock().unwrap_or_else(PoisonError::into_inner).take() {
-        remove(&folder);
-    }
+    let all = std::mem::take(&mut *folders());
+    all.iter().for_each(|folder| remove(folder));
 }
 
 fn remove(folder: &Path) {
@@ -71,7 +76,7 @@ impl SceneFolder {
         // Without it, another program removes the folder if it is a week old.
         let _ = lock.try_lock();
         let path = folder.path().to_owned();
-        *FOLDER.lock().unwrap_or_else(PoisonError::into_inner) = Some(path.clone());
+        folders().insert(path.clone());
         Ok(Self { path, state: Mutex::new(State { folder: Some(folder), _lock: lock, scenes: 0 }) })
     }
 
@@ -79,7 +84,7 @@ impl SceneFolder {
         &self.path
     }
 
-    /// Whether the program is ending.
+    /// Whether nothing more is wanted.
     pub(super) fn is_closed(&self) -> bool {
         self.state.lock().unwrap_or_else(PoisonError::into_inner).folder.is_none()
     }
@@ -89,7 +94,7 @@ impl SceneFolder {
         // The folder is not removed meanwhile.
         let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
         if state.folder.is_none() {
-            bail!("the program is ending");
+            bail!("something else is shown, or the program is ending");
         }
         state.scenes += 1;
         let folder = self.path.join(state.scenes.to_string());
@@ -97,12 +102,11 @@ impl SceneFolder {
         published(&scene.publish_in(&folder)?)
     }
 
-    /// Removes the folder, and what other threads are writing to the cache: for the program's end, which does not wait for
-    /// them. Later calls of [`Self::publish`] fail, as do later writes of output files.
+    /// Removes the folder. Later calls of [`Self::publish`] fail.
     pub(super) fn close(&self) {
         let folder = self.state.lock().unwrap_or_else(PoisonError::into_inner).folder.take();
-        abandon_unfinished();
         if let Some(folder) = folder {
+            folders().remove(&self.path);
             remove(&folder.keep());
         }
     }

@@ -7,9 +7,9 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-use anyhow::Context as _;
+use anyhow::{Context as _, bail};
 use lodestream_bake::prepare::{Options, Watch, cache};
-use lodestream_bake::scene::{self, Scene};
+use lodestream_bake::scene::{self, Scene, UpAxis};
 use lodestream_bake::sources::Sources;
 use lodestream_bake::whole_scene::{WholeScene, WholeSceneError};
 use lodestream_client::net::Address;
@@ -30,6 +30,8 @@ pub(crate) struct LocalOptions {
     pub(crate) coarse_first: bool,
     /// Whether files that change are prepared again.
     pub(crate) watch: bool,
+    /// The axis of models that points up; `None`: as their formats have it.
+    pub(crate) up: Option<UpAxis>,
     /// Address at which the whole scene is served for others.
     pub(crate) share: Option<SocketAddr>,
     /// Whether standard error shows no progress.
@@ -59,8 +61,7 @@ struct Shared {
     failed: Option<anyhow::Error>,
 }
 
-/// Handle of the thread. Dropping it is for the program's end: the thread is left alone, and finds that it can write no
-/// more.
+/// Handle of the thread. Once it is dropped, the thread finds that nothing more is wanted, and ends.
 #[derive(Debug)]
 pub(crate) struct Preparation {
     shared: Arc<Mutex<Shared>>,
@@ -108,16 +109,15 @@ impl Preparation {
         shared.progress.is_some() || shared.ready.is_some()
     }
 
-    /// What is done now and what was left out, for the user.
+    /// What is done now, for the user; `None` once all is prepared.
+    pub(crate) fn progress(&self) -> Option<String> {
+        locked(&self.shared).progress.clone()
+    }
+
+    /// What was left out, and where the scene is shared, for the user.
     pub(crate) fn message(&self) -> Option<String> {
         let shared = locked(&self.shared);
-        let lines: Vec<&str> = shared
-            .progress
-            .iter()
-            .chain(&shared.skipped)
-            .chain(&shared.shared_at)
-            .map(String::as_str)
-            .collect();
+        let lines: Vec<&str> = shared.skipped.iter().chain(&shared.shared_at).map(String::as_str).collect();
         (!lines.is_empty()).then(|| lines.join("\n"))
     }
 }
@@ -179,13 +179,18 @@ impl<N: Fn() + Clone + Send + 'static> Worker<N> {
         let mut coarse_first = self.options.coarse_first;
         loop {
             self.progress(format!("reading {}", names(&files)));
-            let scene = match scene::of_files_in(&files, &Options::default().preparation_settings, &sources) {
-                Ok(scene) => scene,
-                Err(why) => {
-                    self.leave_out_unreadable(&mut files, why.into(), &sources)?;
-                    continue;
-                }
-            };
+            let mut scene =
+                match scene::of_files_in(&files, &Options::default().preparation_settings, &sources) {
+                    Ok(scene) => scene,
+                    Err(why) => {
+                        self.leave_out_unreadable(&mut files, why.into(), &sources)?;
+                        continue;
+                    }
+                };
+            if self.options.up.is_some() && scene.instances.is_some() {
+                bail!("--up is for models: a scene file says itself how its models stand");
+            }
+            scene.up = self.options.up;
             let mut read: Vec<PathBuf> = self.files.clone();
             read.extend(scene.files.iter().chain(scene.assets.iter().map(|asset| &asset.file)).cloned());
             read.sort_unstable();
@@ -383,72 +388,56 @@ mod tests {
         }
     }
 
-    /// Not one test per case: the end of a preparation refuses all later writes of the process.
+    /// What is in a cache folder besides packs.
+    fn left(cache: &Path) -> Vec<String> {
+        let names = std::fs::read_dir(cache).unwrap();
+        let names = names.map(|entry| entry.unwrap().file_name().into_string().unwrap());
+        names.filter(|name| !name.ends_with(".lsp")).collect()
+    }
+
     #[test]
-    fn a_coarse_scene_precedes_a_large_one_once_and_bad_files_are_left_out() {
-        if std::env::var_os("LODESTREAM_TEST_CHILD").is_none() {
-            for case in ["coarse", "cached", "bad", "interrupted"] {
-                let child = std::process::Command::new(std::env::current_exe().unwrap())
-                    .args(["--exact", "--nocapture"])
-                    .arg("local::preparation::tests::a_coarse_scene_precedes_a_large_one_once_and_bad_files_are_left_out")
-                    .env("LODESTREAM_TEST_CHILD", case)
-                    .output()
-                    .unwrap();
-                let text = String::from_utf8_lossy(&child.stdout).into_owned();
-                assert!(child.status.success() && text.contains("1 passed"), "{case}: {text}");
-            }
-            return;
-        }
+    fn a_coarse_scene_precedes_a_large_one_that_is_not_in_the_cache() {
+        let folder = tempfile::tempdir().unwrap();
+        let (model, cache) = (folder.path().join("a.obj"), folder.path().join("cache"));
+        write_hills(&model, 250);
+        assert_eq!(prepared(std::slice::from_ref(&model), &cache).unwrap(), (vec![true, false], None));
+        assert_eq!(prepared(&[model], &cache).unwrap(), (vec![false], None));
+        assert_eq!(left(&cache), Vec::<String>::new());
+    }
+
+    #[test]
+    fn bad_files_are_left_out_and_named() {
         let folder = tempfile::tempdir().unwrap();
         let at = |name: &str| folder.path().join(name);
-        let cache = at("cache");
-        let left = || {
-            let names = std::fs::read_dir(&cache).unwrap();
-            let names = names.map(|entry| entry.unwrap().file_name().into_string().unwrap());
-            names.filter(|name| !name.ends_with(".lsp")).collect::<Vec<_>>()
-        };
-        match std::env::var("LODESTREAM_TEST_CHILD").unwrap().as_str() {
-            "coarse" => {
-                write_hills(&at("a.obj"), 250);
-                assert_eq!(prepared(&[at("a.obj")], &cache).unwrap(), (vec![true, false], None));
-            }
-            "cached" => {
-                write_hills(&at("a.obj"), 250);
-                let scene = scene::of_files(&[at("a.obj")]).unwrap();
-                let options = Options { quiet: true, ..Options::default() };
-                WholeScene::prepare(scene, &cache, &options, &Sources::default()).unwrap();
-                assert_eq!(prepared(&[at("a.obj")], &cache).unwrap().0, [false]);
-            }
-            "bad" => {
-                std::fs::write(at("b.obj"), "v 0 0 0\nf 1 2 3\n").unwrap();
-                std::fs::write(at("c.glb"), "no glTF").unwrap();
-                write_hills(&at("a.obj"), 4);
-                let (scenes, message) = prepared(&["a.obj", "b.obj", "c.glb"].map(at), &cache).unwrap();
-                let message = message.unwrap();
-                assert_eq!(scenes, [false]);
-                assert!(message.contains("b.obj") && message.contains("c.glb"), "{message}");
-                assert_eq!(message.lines().count(), 2, "{message}");
-            }
-            _ => {
-                write_hills(&at("a.obj"), 300);
-                let (sender, changes) = mpsc::sync_channel(0);
-                let options =
-                    LocalOptions { cache: Some(cache.clone()), quiet: true, ..LocalOptions::default() };
-                let preparation = Preparation::start(vec![at("a.obj")], options, move || {
-                    let _ = sender.send(());
-                });
-                let preparation = preparation.unwrap();
-                while !preparation.message().unwrap().contains('%') {
-                    changes.recv().unwrap();
-                }
-                assert_eq!(left().len(), 1, "{:?}", left());
-                drop(preparation);
-                // The thread goes on until it finds out.
-                while changes.recv().is_ok() {}
-                assert_eq!(std::fs::read_dir(&cache).unwrap().count(), 0);
-                return;
-            }
+        std::fs::write(at("b.obj"), "v 0 0 0\nf 1 2 3\n").unwrap();
+        std::fs::write(at("c.glb"), "no glTF").unwrap();
+        write_hills(&at("a.obj"), 4);
+        let (scenes, message) = prepared(&["a.obj", "b.obj", "c.glb"].map(at), &at("cache")).unwrap();
+        let message = message.unwrap();
+        assert_eq!(scenes, [false]);
+        assert!(message.contains("b.obj") && message.contains("c.glb"), "{message}");
+        assert_eq!(message.lines().count(), 2, "{message}");
+        assert_eq!(left(&at("cache")), Vec::<String>::new());
+    }
+
+    #[test]
+    fn a_preparation_that_is_not_wanted_any_more_leaves_nothing() {
+        let folder = tempfile::tempdir().unwrap();
+        let (model, cache) = (folder.path().join("a.obj"), folder.path().join("cache"));
+        write_hills(&model, 300);
+        let (sender, changes) = mpsc::sync_channel(0);
+        let options = LocalOptions { cache: Some(cache.clone()), quiet: true, ..LocalOptions::default() };
+        let preparation = Preparation::start(vec![model], options, move || {
+            let _ = sender.send(());
+        })
+        .unwrap();
+        while !preparation.progress().unwrap().contains('%') {
+            changes.recv().unwrap();
         }
-        assert_eq!(left(), Vec::<String>::new());
+        assert_eq!(left(&cache).len(), 1, "{:?}", left(&cache));
+        drop(preparation);
+        // The thread goes on until it finds out.
+        while changes.recv().is_ok() {}
+        assert_eq!(std::fs::read_dir(&cache).unwrap().count(), 0);
     }
 }

@@ -1,5 +1,6 @@
 //! The application: events in, frames out.
 
+use std::rc::Rc;
 use std::time::Instant;
 
 use winit::application::ApplicationHandler;
@@ -9,6 +10,7 @@ use winit::keyboard::PhysicalKey;
 use winit::window::WindowId;
 
 use super::event::Event;
+use super::keyboard::Bindings;
 use super::running::Running;
 use super::state::State;
 use crate::args::Args;
@@ -19,7 +21,8 @@ use crate::run::write_statistics;
 /// The application.
 pub(super) struct App {
     args: Args,
-    target: Target,
+    target: Option<Target>,
+    bindings: Rc<Bindings>,
     proxy: EventLoopProxy<Event>,
     display: OwnedDisplayHandle,
     running: Option<Running>,
@@ -30,11 +33,14 @@ pub(super) struct App {
 impl App {
     pub(super) fn new(
         args: Args,
-        target: Target,
+        target: Option<Target>,
+        bindings: Bindings,
         proxy: EventLoopProxy<Event>,
         display: OwnedDisplayHandle,
     ) -> Self {
-        Self { args, target, proxy, display, running: None, outcome: Outcome::Finished, error: None }
+        let bindings = Rc::new(bindings);
+        let outcome = Outcome::Finished;
+        Self { args, target, bindings, proxy, display, running: None, outcome, error: None }
     }
 
     /// Writes statistics and captured frames after the event loop; returns the run's outcome or error.
@@ -44,12 +50,8 @@ impl App {
         }
         if let Some(mut running) = self.running {
             running.shown.note_times(running.painter.renderer.timings());
-            write_statistics(
-                &self.args,
-                self.target.transport(),
-                &running.status.status().stats,
-                &running.shown,
-            )?;
+            let stats = &running.status.status().stats;
+            write_statistics(&self.args, running.transport, stats, &running.shown)?;
             if let Some(folder) = &self.args.frames {
                 running.capture.write(&running.painter.gpu, folder, running.state != State::Refining)?;
             }
@@ -58,7 +60,9 @@ impl App {
     }
 
     fn start(&self, events: &ActiveEventLoop) -> anyhow::Result<Running> {
-        Running::start(&self.args, &self.target, self.proxy.clone(), self.display.clone(), events)
+        let (bindings, proxy, display) =
+            (Rc::clone(&self.bindings), self.proxy.clone(), self.display.clone());
+        Running::start(&self.args, self.target.as_ref(), bindings, proxy, display, events)
     }
 
     fn fail(&mut self, events: &ActiveEventLoop, error: anyhow::Error) {
@@ -96,15 +100,28 @@ impl ApplicationHandler<Event> for App {
         let late = self.args.timeout.is_some_and(|limit| running.now() >= limit.0);
         match running.receive(&self.args) {
             Ok(changed) if changed || running.awaits_answer() || late => {
+                if changed {
+                    running.scene_changed();
+                }
                 running.dirty = true;
                 running.painter.window.request_redraw();
             }
             Ok(_) => {}
             Err(why) => return self.fail(events, why),
         }
-        let Some(running) = &self.running else { return };
-        if let Some(why) = running.status.fatal(running.scene.header().is_some()) {
-            self.fail(events, anyhow::anyhow!(why));
+        let Some(running) = &mut self.running else { return };
+        match running.status.fatal(running.scene.header().is_some()) {
+            Some(why) if running.stays_open => running.give_up(&why),
+            Some(why) => self.fail(events, anyhow::anyhow!(why)),
+            None => {}
+        }
+    }
+
+    fn about_to_wait(&mut self, _: &ActiveEventLoop) {
+        if let Some(running) = &mut self.running
+            && running.open_chosen(&self.args)
+        {
+            running.painter.window.request_redraw();
         }
     }
 
@@ -147,11 +164,17 @@ impl ApplicationHandler<Event> for App {
                     MouseScrollDelta::LineDelta(_, y) => f64::from(y),
                     MouseScrollDelta::PixelDelta(by) => by.y / 40.0,
                 };
-                if let Some(controller) = &mut running.controller {
-                    controller.wheel(lines);
-                    running.camera_moved();
-                    redraw = true;
-                }
+                redraw |= running.wheel(lines);
+            }
+            WindowEvent::PinchGesture { delta, .. } if !consumed => redraw |= running.pinch(delta),
+            WindowEvent::DroppedFile(path) => running.drop_file(path),
+            WindowEvent::HoveredFile(_) => {
+                running.hover(true);
+                redraw = true;
+            }
+            WindowEvent::HoveredFileCancelled => {
+                running.hover(false);
+                redraw = true;
             }
             WindowEvent::RedrawRequested => {
                 match running.frame(&self.args) {

@@ -4,10 +4,13 @@ mod app;
 mod clicks;
 mod event;
 mod frame_capture;
-mod input;
-mod keys;
+mod keyboard;
+mod measure;
+mod open_panel;
 mod overlay;
 mod painter;
+mod part_list;
+mod pivot;
 mod running;
 mod screenshot;
 mod selection;
@@ -21,14 +24,18 @@ use winit::event_loop::EventLoop;
 use crate::args::Args;
 use crate::local::Target;
 use crate::outcome::Outcome;
+use crate::settings_file::SettingsFile;
 use crate::signals;
 use event::Event;
+use keyboard::Bindings;
 
 /// Runs the viewer in a window until it is closed.
 ///
 /// # Errors
 /// One line with the fault and the remedy.
-pub(crate) fn run(args: &Args, target: Target) -> anyhow::Result<Outcome> {
+pub(crate) fn run(args: &Args, target: Option<Target>) -> anyhow::Result<Outcome> {
+    let settings = SettingsFile::load(args.settings.as_deref())?;
+    let bindings = Bindings::new(&settings.keys()).with_context(|| settings.describe())?;
     let events = EventLoop::<Event>::with_user_event().build().map_err(|why| {
         // The window system's message names its source files, which does not help users.
         tracing::debug!("{why}");
@@ -43,7 +50,8 @@ pub(crate) fn run(args: &Args, target: Target) -> anyhow::Result<Outcome> {
         // Fails only once the window is gone.
         let _ = proxy.send_event(Event::End(signal));
     })?;
-    let mut app = app::App::new(args.clone(), target, events.create_proxy(), events.owned_display_handle());
+    let mut app =
+        app::App::new(args.clone(), target, bindings, events.create_proxy(), events.owned_display_handle());
     events.run_app(&mut app).context("the window system failed")?;
     app.finish()
 }

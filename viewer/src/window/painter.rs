@@ -32,6 +32,25 @@ pub(super) struct Painter {
     copies: bool,
     /// Whether the next frame with the scene is copied for [`Painted::picture`].
     takes_picture: bool,
+    /// Whether pictures are kept: where drawing one takes much longer than copying it.
+    keeps: bool,
+    /// The last picture of the scene that was kept, without the overlay.
+    kept: Option<wgpu::Texture>,
+}
+
+/// What a frame shows below the overlay.
+pub(super) enum Below<F> {
+    /// Nothing.
+    Nothing,
+    /// The scene; the picture is kept for later frames if wanted.
+    Scene {
+        /// Draws it.
+        draw: F,
+        /// Whether it is kept.
+        keep: bool,
+    },
+    /// The picture that was kept.
+    Kept,
 }
 
 /// Draws a scene's frame into the window.
@@ -45,6 +64,7 @@ struct Device {
     config: wgpu::SurfaceConfiguration,
     overlay: egui_wgpu::Renderer,
     later: Vec<Compiler>,
+    keeps: bool,
 }
 
 impl Device {
@@ -71,6 +91,11 @@ impl Device {
         if copies {
             allow_copies(&capabilities, &mut config)?;
         }
+        let both_ways = wgpu::TextureUsages::COPY_SRC | wgpu::TextureUsages::COPY_DST;
+        let keeps = gpu.is_software() && capabilities.usages.contains(both_ways);
+        if keeps {
+            config.usage |= both_ways;
+        }
         surface.configure(&gpu.device, &config);
         let renderer = Renderer::without_pipelines(&gpu, config.format)?;
         // Compiled with terrain: most scenes have it, and it is known only once the header arrives.
@@ -84,7 +109,7 @@ impl Device {
                 .spawn(move || first.iter().for_each(Compiler::compile))?;
         }
         let overlay = egui_wgpu::Renderer::new(&gpu.device, config.format, Default::default());
-        Ok(Self { gpu, renderer, surface, config, overlay, later })
+        Ok(Self { gpu, renderer, surface, config, overlay, later, keeps })
     }
 }
 
@@ -92,6 +117,8 @@ impl Device {
 pub(super) struct Painted {
     /// Counters of the scene's passes; `None` if no frame with the scene was shown.
     pub(super) counters: Option<Counters>,
+    /// Whether the frame shows the picture that was kept.
+    pub(super) shows_kept: bool,
     /// Copy of the frame, if frames are captured.
     pub(super) copy: Option<TargetCopy>,
     /// Copy of the scene without the overlay, if [`Painter::take_picture`] asked for it.
@@ -126,8 +153,10 @@ impl Painter {
             std::thread::sleep(OPENING_INTERVAL);
         }
         let device = opening.join().map_err(|_| anyhow::anyhow!("opening the graphics device failed"))??;
-        let Device { gpu, renderer, surface, config, overlay, later } = device;
+        let Device { gpu, renderer, surface, config, overlay, later, keeps } = device;
         let context = egui::Context::default();
+        // A picture takes long to draw with a software driver: a panel that fades in would only be late.
+        context.all_styles_mut(|style| style.animation_time = 0.0);
         let input = egui_winit::State::new(context, egui::ViewportId::ROOT, &window, None, None, None);
         Ok(Self {
             window,
@@ -140,6 +169,8 @@ impl Painter {
             later,
             copies,
             takes_picture: false,
+            keeps,
+            kept: None,
         })
     }
 
@@ -191,12 +222,22 @@ impl Painter {
         (response.consumed, response.repaint)
     }
 
-    /// Draws the scene, if there is one, and the overlay over it.
-    pub(super) fn paint(
+    /// Whether [`Below::Kept`] would show a picture of the present size.
+    pub(super) fn has_kept(&self) -> bool {
+        let size = self.size();
+        let is_wanted = |kept: &wgpu::Texture| [kept.width(), kept.height()] == size;
+        !self.takes_picture && !self.copies && self.kept.as_ref().is_some_and(is_wanted)
+    }
+
+    /// Draws what is below the overlay, and the overlay over it.
+    pub(super) fn paint<F>(
         &mut self,
         overlay: impl FnMut(&mut egui::Ui),
-        scene: Option<impl FnOnce(&mut DrawScene<'_>) -> anyhow::Result<Counters>>,
-    ) -> anyhow::Result<Painted> {
+        below: Below<F>,
+    ) -> anyhow::Result<Painted>
+    where
+        F: FnOnce(&mut DrawScene<'_>) -> anyhow::Result<Counters>,
+    {
         let raw = self.input.take_egui_input(&self.window);
         let context = self.input.egui_ctx().clone();
         let mut output = context.run_ui(raw, overlay);
@@ -216,7 +257,7 @@ impl Painter {
                 self.overlay.update_texture(device, queue, *id, delta);
             }
         }
-        let (mut copy, mut picture) = (None, None);
+        let (mut copy, mut picture, mut shows_kept) = (None, None, false);
         let counters = match self.surface.get_current_texture() {
             wgpu::CurrentSurfaceTexture::Success(frame) | wgpu::CurrentSurfaceTexture::Suboptimal(frame) => {
                 let view = frame.texture.create_view(&Default::default());
@@ -226,11 +267,30 @@ impl Painter {
                 let mut record = |frame: &Frame<'_>| {
                     Ok(renderer.record(gpu, &mut encoder, &Target::colour(&view, size), frame)?)
                 };
-                let counters = scene.map(|scene| scene(&mut record)).transpose()?;
+                let (mut counters, mut shows) = (None, false);
+                match below {
+                    Below::Nothing => {}
+                    Below::Scene { draw, keep } => {
+                        counters = Some(draw(&mut record)?);
+                        shows = true;
+                        if keep && self.keeps {
+                            let kept = self.kept.take().filter(|kept| kept.size() == frame.texture.size());
+                            let kept = kept.unwrap_or_else(|| keeping(device, &frame.texture));
+                            copy_whole(&mut encoder, &frame.texture, &kept);
+                            self.kept = Some(kept);
+                        }
+                    }
+                    Below::Kept => {
+                        if let Some(kept) = &self.kept {
+                            copy_whole(&mut encoder, kept, &frame.texture);
+                            (shows, shows_kept) = (true, true);
+                        }
+                    }
+                }
                 if counters.is_some() && std::mem::take(&mut self.takes_picture) {
                     picture = Some(TargetCopy::record(&self.gpu, &mut encoder, &frame.texture)?);
                 }
-                let load = if counters.is_some() {
+                let load = if shows {
                     wgpu::LoadOp::Load
                 } else {
                     wgpu::LoadOp::Clear(empty_color(self.config.format))
@@ -276,8 +336,26 @@ impl Painter {
         for id in &old_textures {
             self.overlay.free_texture(id);
         }
-        Ok(Painted { counters, copy, picture, repaint_after })
+        Ok(Painted { counters, shows_kept, copy, picture, repaint_after })
     }
+}
+
+/// A texture that a picture of this kind can be copied to and from.
+fn keeping(device: &wgpu::Device, like: &wgpu::Texture) -> wgpu::Texture {
+    device.create_texture(&wgpu::TextureDescriptor {
+        label: Some("kept picture"),
+        size: like.size(),
+        mip_level_count: 1,
+        sample_count: 1,
+        dimension: wgpu::TextureDimension::D2,
+        format: like.format(),
+        usage: wgpu::TextureUsages::COPY_SRC | wgpu::TextureUsages::COPY_DST,
+        view_formats: &[],
+    })
+}
+
+fn copy_whole(encoder: &mut wgpu::CommandEncoder, from: &wgpu::Texture, to: &wgpu::Texture) {
+    encoder.copy_texture_to_texture(from.as_image_copy(), to.as_image_copy(), to.size());
 }
 
 /// Makes frames readable after they are drawn.

@@ -1,16 +1,21 @@
 //! State that lives as long as the window, and the steps of its frames.
 
 mod commands;
+mod open;
+mod overlay_state;
 mod parts;
+mod pointer;
 mod source;
 mod streams;
 
+use std::ffi::OsString;
+use std::rc::Rc;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use lodestream_client::net::Clock;
 use lodestream_client::streaming::{Controls, Streaming};
-use lodestream_render::{Counters, Pose, SceneView, Settings, Shadows, Timings, upload_budget};
+use lodestream_render::{Counters, Pose, SceneView, Settings, Shadows, upload_budget};
 use winit::dpi::{LogicalSize, PhysicalPosition};
 use winit::event::MouseButton;
 use winit::event_loop::{ActiveEventLoop, EventLoopProxy, OwnedDisplayHandle};
@@ -19,12 +24,15 @@ use winit::window::Window;
 use super::clicks::Clicks;
 use super::event::Event;
 use super::frame_capture::FrameCapture;
-use super::input;
-use super::keys::Keys;
-use super::overlay::{self, Choices, OverlayState};
-use super::painter::{self, Painted, Painter};
+use super::keyboard::{self, Bindings, Keys};
+use super::measure::Measure;
+use super::open_panel::OpenPanel;
+use super::overlay::{self, Choices, Controls as OverlayControls};
+use super::painter::{self, Below, Painted, Painter};
+use super::part_list::PartList;
+use super::pivot::Pivot;
 use super::selection::Selection;
-use lodestream_viewing::{CameraController, Mode, Quality, Step};
+use lodestream_viewing::{CameraController, Quality, Step};
 
 use super::session_status::SessionStatus;
 use super::state::{FrameStatus, State};
@@ -33,7 +41,9 @@ use crate::args::Args;
 use crate::frames::{FrameLog, Received};
 use crate::local::{Preparation, Target};
 use crate::outcome::describe_missing;
+use crate::recent;
 use crate::run::settings;
+use open::{Opening, title};
 use streams::{NextScene, Notify};
 
 /// Interval of checks for finished terrain tiles while nothing else changes.
@@ -42,6 +52,15 @@ const TILES_INTERVAL: Duration = Duration::from_millis(50);
 const OVERLAY_INTERVAL: Duration = Duration::from_millis(250);
 /// The same while only the progress of a preparation changes, whose processor the frames take.
 const PROGRESS_INTERVAL: Duration = Duration::from_secs(1);
+
+/// What a picture depends on besides the scene.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Drawn {
+    camera: Pose,
+    settings: Settings,
+    heights: [f64; 2],
+    target_px: f32,
+}
 
 /// State of an open window.
 pub(super) struct Running {
@@ -54,6 +73,17 @@ pub(super) struct Running {
     files: Option<Preparation>,
     /// The scene that will replace the one that is drawn.
     next: Option<NextScene>,
+    /// Other files that will replace it.
+    opening: Option<Opening>,
+    open_panel: OpenPanel,
+    /// Files that were dropped together.
+    dropped: Vec<OsString>,
+    /// Files are held over the window.
+    hovers: bool,
+    /// Errors of what is shown do not end the program: it was not named on the command line.
+    pub(super) stays_open: bool,
+    /// Name of the transport in statistics.
+    pub(super) transport: &'static str,
     pub(super) scene: SceneView,
     pub(super) controller: Option<CameraController>,
     pub(super) status: SessionStatus,
@@ -69,6 +99,9 @@ pub(super) struct Running {
     /// Where the button was pressed.
     pressed_at: PhysicalPosition<f64>,
     selection: Selection,
+    part_list: PartList,
+    measure: Measure,
+    pivot: Pivot,
     drawn: Option<Instant>,
     counters: Counters,
     frame_ms: f64,
@@ -83,6 +116,8 @@ pub(super) struct Running {
     ground_moves: bool,
     /// Height of the terrain below the eye over that of the scene without exaggeration.
     rise: f64,
+    /// What the last picture was drawn with, if it was final: frames in which the overlay alone changes show it again.
+    last: Option<Drawn>,
     /// A message about a written picture, and until when it is shown.
     notice: Option<(Duration, String)>,
     /// Whether an event requires a frame.
@@ -103,7 +138,8 @@ impl Running {
     /// One line with the fault and the remedy.
     pub(super) fn start(
         args: &Args,
-        target: &Target,
+        target: Option<&Target>,
+        bindings: Rc<Bindings>,
         proxy: EventLoopProxy<Event>,
         display: OwnedDisplayHandle,
         events: &ActiveEventLoop,
@@ -111,13 +147,14 @@ impl Running {
         let notify = Notify::new(proxy);
         // Before the device is opened: the server answers, and files are prepared, meanwhile.
         let (mut streaming, files) = match target {
-            Target::Stream(address) => (Some(streams::stream(args, address, &notify)?), None),
-            Target::Files(files) => (None, Some(streams::prepare(args, files, &notify)?)),
+            Some(Target::Stream(address)) => (Some(streams::stream(args, address, &notify)?), None),
+            Some(Target::Files(files)) => (None, Some(streams::prepare(args, files, &notify)?)),
+            None => (None, None),
         };
         let clock = streaming.as_ref().map_or_else(Clock::start, Streaming::clock);
         let [width, height] = args.window.0;
         let attributes = Window::default_attributes()
-            .with_title(format!("Lodestream – {target}"))
+            .with_title(title(target))
             .with_inner_size(winit::dpi::PhysicalSize::new(width, height))
             .with_min_inner_size(LogicalSize::new(64, 64));
         let mut scene = SceneView::with_terrain_apart(notify.call())?;
@@ -144,9 +181,15 @@ impl Running {
         tracing::debug!(now = ?Duration::from(clock.now()), "window and pipelines are made");
         let settings = settings(args, painter.gpu.is_software());
         let now = Instant::now();
-        Ok(Self {
+        let mut running = Self {
             adapter: painter.gpu.describe(),
-            address: target.to_string(),
+            address: target.map(ToString::to_string).unwrap_or_default(),
+            transport: target.map_or("none", Target::transport),
+            stays_open: target.is_none(),
+            opening: None,
+            open_panel: OpenPanel::default(),
+            dropped: Vec::new(),
+            hovers: false,
             clock,
             notify,
             streaming,
@@ -160,12 +203,15 @@ impl Running {
                 ..Choices::new(&settings, args.pixel_error.0, [args.ground_heights, args.ground_seconds])
             },
             settings,
-            keys: Keys::default(),
+            keys: Keys::new(bindings),
             button: None,
             clicks: Clicks::default(),
             pointer: PhysicalPosition::default(),
             pressed_at: PhysicalPosition::default(),
             selection: Selection::default(),
+            part_list: PartList::default(),
+            measure: Measure::default(),
+            pivot: Pivot::default(),
             drawn: None,
             counters: Counters::default(),
             frame_ms: 0.0,
@@ -176,6 +222,7 @@ impl Running {
             only_tiles_missing: false,
             ground_moves: false,
             rise: 0.0,
+            last: None,
             notice: None,
             dirty: false,
             shown: FrameLog::default(),
@@ -184,7 +231,15 @@ impl Running {
             waiting: Some(now),
             state: State::Refining,
             reported_incomplete: false,
-        })
+        };
+        match target {
+            Some(_) => running.remember(&args.files),
+            None => {
+                running.open_panel.recent =
+                    recent::default_file().as_deref().map(recent::read).unwrap_or_default()
+            }
+        }
+        Ok(running)
     }
 
     pub(super) fn now(&self) -> Duration {
@@ -274,7 +329,10 @@ impl Running {
 
     /// Draws a frame; returns the time until the next.
     pub(super) fn frame(&mut self, args: &Args) -> anyhow::Result<Duration> {
-        self.dirty |= self.update_parts(args)?;
+        if self.update_parts(args)? {
+            self.scene_changed();
+        }
+        self.dirty |= self.update_tools()?;
         self.dirty |= self.drop_old_notice();
         if self.is_unchanged()? {
             return Ok(TILES_INTERVAL);
@@ -284,6 +342,9 @@ impl Running {
         let (began, begun) = (Instant::now(), self.now());
         let now_s = begun.as_secs_f32();
         let painted = steps::run(&mut FrameSteps { running: self, args, began, now_s })?;
+        if painted.shows_kept {
+            return Ok(painted.repaint_after.min(self.notice_left().unwrap_or(Duration::MAX)));
+        }
         self.frame_ms = began.elapsed().as_secs_f64() * 1e3;
         let shows = painted.counters.is_some();
         if let Some(picture) = painted.picture {
@@ -319,6 +380,7 @@ impl Running {
         let only_tiles = drawn.is_final_except_tiles() && self.status.status().settled;
         self.only_tiles_missing = shows && only_tiles && drawn.missing_tiles > 0;
         self.update_state(&drawn);
+        self.last = (shows && drawn.is_final() && self.state != State::Refining).then(|| self.drawn());
         // Quality is raised only once the camera rests.
         let better = if full { None } else { self.quality.due(self.now()) };
         if self.only_tiles_missing && !self.keys.moves_camera() {
@@ -336,6 +398,18 @@ impl Running {
             painted.repaint_after.min(notice).min(better.filter(|_| shows).unwrap_or(Duration::MAX));
         let interval = if shows && self.awaits_scene() { PROGRESS_INTERVAL } else { OVERLAY_INTERVAL };
         Ok(if figures { repaint_after.min(interval) } else { repaint_after })
+    }
+
+    /// Records that the scene looks otherwise than in the last picture.
+    pub(super) fn scene_changed(&mut self) {
+        self.last = None;
+        self.dirty = true;
+    }
+
+    /// What the next picture depends on.
+    fn drawn(&self) -> Drawn {
+        let Choices { heights, target_px, .. } = self.choices;
+        Drawn { camera: self.camera(), settings: self.settings, heights, target_px }
     }
 
     /// The frame's step of quality.
@@ -374,38 +448,27 @@ impl Running {
         let shows = streamed.is_some_and(|now| self.shown.may_show(is_complete, now));
         if !shows {
             // New data does not change the empty window, and drawing it would delay the first frame.
-            if let Some(left) = self.waiting.and_then(|at| OVERLAY_INTERVAL.checked_sub(at.elapsed())) {
-                return Ok(Painted { counters: None, copy: None, picture: None, repaint_after: left });
+            if !self.is_empty()
+                && let Some(left) = self.waiting.and_then(|at| OVERLAY_INTERVAL.checked_sub(at.elapsed()))
+            {
+                return Ok(Painted {
+                    counters: None,
+                    shows_kept: false,
+                    copy: None,
+                    picture: None,
+                    repaint_after: left,
+                });
             }
             self.waiting = Some(Instant::now());
         } else {
             self.prepare_ground()?;
         }
-        let message = self.message(shows);
-        let overlay_state = OverlayState {
-            adapter: &self.adapter,
-            address: &self.address,
-            message: message.as_deref(),
-            frame_ms: self.frame_ms,
-            fps: self.fps,
-            bits_per_s: self.bits_per_s,
-            presented: self.shown.presented(),
-            state: self.state,
-            quality: if self.choices.adapt { self.quality.describe() } else { "full".into() },
-            mode: match self.controller.map(|controller| controller.mode) {
-                Some(Mode::Fly) => "fly",
-                _ => "orbit",
-            },
-            camera: self.controller.map(|controller| controller.describe()).unwrap_or_default(),
-            part: self.selection.describe(),
-            draw: self.counters.clone(),
-            gpu_bytes: self.scene.geometry_bytes(),
-            waiting_steps: self.scene.waiting(),
-            times: if self.choices.timed { self.painter.renderer.timings() } else { Timings::default() },
-        };
-        let table = self.choices.timed && !self.choices.hidden;
+        let overlay_state = self.overlay_state(shows);
+        let table = self.choices.timed;
         self.painter.renderer.time_passes(&self.painter.gpu, table || args.stats.is_some());
         let (camera, step) = (self.camera(), self.step());
+        let full = !self.choices.adapt || self.quality.is_full();
+        let is_kept = full && self.last.is_some_and(|last| last == self.drawn()) && self.painter.has_kept();
         let mut choices = self.choices;
         let mut settings = step.limit(&self.settings);
         // While more changes are pending, shadows may be out of date for some frames.
@@ -415,11 +478,21 @@ impl Running {
         let max_staleness = step.late_shadows.max(coming);
         settings.shadows = settings.shadows.map(|shadows| Shadows { max_staleness, ..shadows });
         let (stats, scene) = (&self.status.status().stats, &self.scene);
+        let draw = |draw: &mut painter::DrawScene<'_>| {
+            scene.with_frame(camera, settings, now_s, |frame| draw(frame))
+        };
+        let below = match shows {
+            true if is_kept => Below::Kept,
+            true => Below::Scene { draw, keep: full },
+            false => Below::Nothing,
+        };
+        let (open, parts) = (&mut self.open_panel, &mut self.part_list);
         let painted = self.painter.paint(
-            |ui| overlay::show(ui, stats, &overlay_state, &mut choices),
-            shows.then_some(|draw: &mut painter::DrawScene<'_>| {
-                scene.with_frame(camera, settings, now_s, |frame| draw(frame))
-            }),
+            |ui| {
+                let mut controls = OverlayControls { choices: &mut choices, open, parts };
+                overlay::show(ui, stats, &overlay_state, &mut controls);
+            },
+            below,
         )?;
         if choices != self.choices {
             self.choices = choices;
@@ -427,27 +500,6 @@ impl Running {
             self.painter.window.request_redraw();
         }
         Ok(painted)
-    }
-
-    pub(super) fn drag(&mut self, to: PhysicalPosition<f64>) -> bool {
-        let (dx, dy) = (to.x - self.pointer.x, to.y - self.pointer.y);
-        self.pointer = to;
-        let height = f64::from(self.painter.size()[1]);
-        match (&mut self.controller, self.button) {
-            (Some(controller), Some(MouseButton::Left)) => controller.turn(dx, dy),
-            (Some(controller), Some(MouseButton::Right | MouseButton::Middle)) => {
-                controller.pan(dx, dy, height)
-            }
-            _ => return false,
-        }
-        self.camera_moved();
-        true
-    }
-
-    /// Records that the camera was moved by hand, which stops the turntable.
-    pub(super) fn camera_moved(&mut self) {
-        self.keys.stop_turntable();
-        self.quality.moved(self.now());
     }
 }
 
@@ -464,7 +516,9 @@ impl Steps for FrameSteps<'_> {
 
     fn receive(&mut self) -> anyhow::Result<()> {
         let running = &mut *self.running;
-        running.receive(self.args)?;
+        if running.receive(self.args)? {
+            running.scene_changed();
+        }
         let was_whole = running.scene.is_whole();
         // The first frame needs few bytes: they are uploaded at once.
         let frame = Duration::from_secs_f64(running.frame_ms / 1e3);
@@ -482,7 +536,7 @@ impl Steps for FrameSteps<'_> {
     fn move_camera(&mut self) {
         let running = &mut *self.running;
         let now = running.now();
-        input::move_camera(now, &mut running.keys, running.controller.as_mut(), &mut running.quality);
+        keyboard::move_camera(now, &mut running.keys, running.controller.as_mut(), &mut running.quality);
         running.measure(self.began);
     }
 

@@ -5,8 +5,8 @@ use lodestream_client::core::{Hit, PartBounds, Ray};
 use lodestream_client::streaming::{Answer, Streaming};
 use lodestream_render::{Gpu, PartState, RenderError, SceneView};
 use lodestream_scene::parts::ScenePart;
-use winit::keyboard::KeyCode;
 
+use super::keyboard::Action;
 use crate::parts::tinted;
 
 /// Colour of the selected part.
@@ -57,12 +57,37 @@ impl Selection {
         true
     }
 
-    /// The selected part, for the overlay.
-    pub(super) fn describe(&self) -> String {
-        self.selected.map_or_else(
-            || "none (click)".into(),
-            |Selected { part: ScenePart { instance, part }, .. }| format!("{instance}:{part}"),
-        )
+    /// The selected part.
+    pub(super) fn selected(&self) -> Option<ScenePart> {
+        self.selected.map(|selected| selected.part)
+    }
+
+    /// Selects a part and asks for its bounds, to move the camera to.
+    pub(super) fn go_to(
+        &mut self,
+        part: ScenePart,
+        gpu: &Gpu,
+        scene: &mut SceneView,
+        streaming: &Streaming,
+    ) -> Result<(), RenderError> {
+        self.select(Some(part), gpu, scene)?;
+        self.fitting = streaming.ask(move |core| core.part_bounds(part)).ok();
+        Ok(())
+    }
+
+    /// Hides a part, or draws it again.
+    pub(super) fn set_hidden(
+        &mut self,
+        part: ScenePart,
+        hidden: bool,
+        gpu: &Gpu,
+        scene: &mut SceneView,
+    ) -> Result<(), RenderError> {
+        if self.selected() == Some(part) {
+            self.select(None, gpu, scene)?;
+        }
+        let state = scene.part_state(part);
+        scene.set_parts(gpu, &[(part, PartState { hidden, ..state })])
     }
 
     /// Whether an answer is awaited.
@@ -168,25 +193,25 @@ impl Selection {
         Ok(())
     }
 
-    /// Handles a key that went down; returns whether the picture changes.
-    pub(super) fn key(
+    /// Does what a key is for; returns whether the picture changes.
+    pub(super) fn act(
         &mut self,
-        code: KeyCode,
+        action: Action,
         gpu: &Gpu,
         scene: &mut SceneView,
         streaming: &Streaming,
     ) -> Result<bool, RenderError> {
-        match (code, self.selected) {
-            (KeyCode::KeyX, Some(Selected { part, own })) => {
+        match (action, self.selected) {
+            (Action::HidePart, Some(Selected { part, own })) => {
                 self.selected = None;
                 scene.set_parts(gpu, &[(part, PartState { hidden: true, ..own })])?;
             }
-            (KeyCode::KeyI, Some(Selected { part, .. })) => scene.isolate_parts(gpu, Some(&[part]))?,
-            (KeyCode::KeyU, _) => {
+            (Action::IsolatePart, Some(Selected { part, .. })) => scene.isolate_parts(gpu, Some(&[part]))?,
+            (Action::ShowAll, _) => {
                 self.selected = None;
                 scene.clear_parts(gpu)?;
             }
-            (KeyCode::KeyZ, Some(Selected { part, .. })) => {
+            (Action::GoToPart, Some(Selected { part, .. })) => {
                 self.fitting = streaming.ask(move |core| core.part_bounds(part)).ok();
                 return Ok(false);
             }

@@ -5,7 +5,7 @@ use lodestream_scene::description::{AssetEntry, Camera, Instance};
 use lodestream_scene::placement::Placement;
 use lodestream_scene::punctual_lights::PunctualLight;
 
-use crate::scene::{DEFAULT_FOV_Y_DEGREES, Model, Scene, SceneTerrain};
+use crate::scene::{DEFAULT_FOV_Y_DEGREES, Model, Scene, SceneTerrain, UpAxis};
 
 /// Gap between models side by side, as a share of their mean radius.
 const GAP: f64 = 0.25;
@@ -22,7 +22,8 @@ pub(crate) fn placed(scene: &Scene, entries: &[AssetEntry]) -> (Vec<Instance>, V
     match &scene.instances {
         Some(instances) => (instances.clone(), scene.punctual_lights.clone()),
         None => {
-            let (instances, punctual_lights) = side_by_side(&scene.models, entries);
+            let upright: Vec<Model> = scene.models.iter().map(|model| upright(model, scene.up)).collect();
+            let (instances, punctual_lights) = side_by_side(&upright, entries);
             (instances, [&scene.punctual_lights[..], &punctual_lights].concat())
         }
     }
@@ -46,6 +47,16 @@ pub(crate) fn world_sphere(instance: &Instance, entries: &[AssetEntry]) -> (DVec
     let scale = f64::from(placement.scale);
     let center = DVec3::from(placement.translation) + placement.orientation_f64() * (local * scale);
     (center, f64::from(entry.sphere.radius) * scale)
+}
+
+/// A model turned so that its axis, unless `up` names another, is y.
+fn upright(model: &Model, up: Option<UpAxis>) -> Model {
+    let up = up.unwrap_or(model.up);
+    if up == UpAxis::Y {
+        return model.clone();
+    }
+    let (parts, lights) = model.placed(Placement::new(DVec3::ZERO, up.turn(), 1.0));
+    Model { parts: parts.collect(), punctual_lights: lights.collect(), ..model.clone() }
 }
 
 /// Default placement: one model at its own origin; several in a row along x, with their centres on one line.
@@ -131,4 +142,29 @@ pub(crate) fn visible_first(camera: &Camera, spheres: &[(DVec3, f64)]) -> Vec<us
     let mut order: Vec<usize> = (0..spheres.len()).collect();
     order.sort_by(|&a, &b| keys[a].0.cmp(&keys[b].0).then(keys[a].1.total_cmp(&keys[b].1)).then(a.cmp(&b)));
     order
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn turned(model: &Model, up: Option<UpAxis>, point: DVec3) -> DVec3 {
+        let scene = Scene { models: vec![model.clone()], up, ..Scene::empty() };
+        placed(&scene, &[]).0[0].placement.to_world(point)
+    }
+
+    #[test]
+    fn models_stand_upright_by_their_format_or_the_axis_that_is_named() {
+        let part = Instance::at(0, [1.0, 2.0, 3.0]);
+        for (up, named, [x, y, z]) in [
+            (UpAxis::Y, None, [1.0, 2.0, 3.0]),
+            (UpAxis::Z, None, [1.0, 3.0, -2.0]),
+            (UpAxis::Z, Some(UpAxis::Y), [1.0, 2.0, 3.0]),
+            (UpAxis::Y, Some(UpAxis::MinusY), [1.0, -2.0, -3.0]),
+        ] {
+            let model = Model { parts: vec![part], up, ..Model::default() };
+            let at = turned(&model, named, DVec3::ZERO);
+            assert!((at - DVec3::new(x, y, z)).length() < 1e-6, "{up} {named:?}: {at}");
+        }
+    }
 }

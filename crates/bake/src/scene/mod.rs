@@ -15,6 +15,7 @@ mod split;
 mod terrain;
 #[cfg(test)]
 mod tests;
+mod up_axis;
 #[cfg(test)]
 mod warm_start_tests;
 
@@ -26,6 +27,7 @@ pub use file::{SceneError, parse, read};
 pub use model::{Asset, DEFAULT_FOV_Y_DEGREES, Model, Scene};
 pub use part_names::ModelPartNames;
 pub use terrain::SceneTerrain;
+pub use up_axis::UpAxis;
 
 /// Extensions of models.
 pub const MODEL_EXTENSIONS: [&str; 5] = ["obj", "gltf", "glb", "ply", "stl"];

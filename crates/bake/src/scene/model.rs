@@ -18,6 +18,7 @@ use super::batches::{self, Batch};
 use super::names::UniqueNames;
 use super::part_names::ModelPartNames;
 use super::terrain::SceneTerrain;
+use super::up_axis::UpAxis;
 
 /// [`Settings::visible_side`] of batches: of a building more is seen than of an object, for its walls are near.
 const VISIBLE_SIDE: f64 = 0.35;
@@ -67,6 +68,8 @@ pub struct Model {
     pub punctual_lights: Vec<PunctualLight>,
     /// What the parts of each of [`Model::parts`] are called.
     pub part_names: ModelPartNames,
+    /// Its axis that points up where models stand side by side, unless [`Scene::up`] names another.
+    pub up: UpAxis,
 }
 
 impl Model {
@@ -120,6 +123,8 @@ pub struct Scene {
     pub punctual_lights: Vec<PunctualLight>,
     /// Unit vector from the scene towards the light.
     pub light_direction: [f32; 3],
+    /// The axis of all models that points up where they stand side by side; `None`: as their formats have it.
+    pub up: Option<UpAxis>,
     /// Linear red, green, blue of the light, intensity included.
     pub light_color: [f32; 3],
     /// Linear red, green, blue of the ambient light, intensity included.
@@ -184,8 +189,9 @@ impl Scene {
         }
         let batches = batches::of_contents(&contents, settings.batching.unwrap_or_default());
         let punctual_lights = contents.punctual_lights.clone();
+        let up = UpAxis::of_file(&asset.file);
         let (parts, part_names) = self.add_meshes(&asset, contents, batches, names);
-        self.models.push(Model { parts, punctual_lights, part_names });
+        self.models.push(Model { parts, punctual_lights, part_names, up });
         Ok(self.models.len() - 1)
     }
 
@@ -204,8 +210,9 @@ impl Scene {
             None => ModelPartNames::of_one(&asset.name),
         };
         let punctual_lights = contents.map(|contents| contents.punctual_lights).unwrap_or_default();
-        let number = self.add_asset(asset);
-        self.models.push(Model { parts: vec![Instance::at(number, [0.0; 3])], punctual_lights, part_names });
+        let up = UpAxis::of_file(&asset.file);
+        let parts = vec![Instance::at(self.add_asset(asset), [0.0; 3])];
+        self.models.push(Model { parts, punctual_lights, part_names, up });
         Ok(self.models.len() - 1)
     }
 
@@ -265,7 +272,7 @@ impl Scene {
         (instances, part_names)
     }
 
-    pub(super) fn empty() -> Self {
+    pub(crate) fn empty() -> Self {
         Self {
             name: "scene".to_owned(),
             assets: Vec::new(),
@@ -274,6 +281,7 @@ impl Scene {
             models: Vec::new(),
             punctual_lights: Vec::new(),
             light_direction: unit([0.4, 1.0, 0.6]).unwrap_or([0.0, 1.0, 0.0]),
+            up: None,
             light_color: [1.0; 3],
             ambient: DEFAULT_AMBIENT,
             background: DEFAULT_BACKGROUND,

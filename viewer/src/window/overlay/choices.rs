@@ -5,6 +5,8 @@ use lodestream_render::{
     ReliefMethod, Settings, Shadows, ToneMapping,
 };
 
+use super::panel::Panel;
+
 /// Values of the overlay's controls.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(in crate::window) struct Choices {
@@ -14,8 +16,10 @@ pub(in crate::window) struct Choices {
     pub(in crate::window) frozen: bool,
     /// Adaptive quality while the camera moves.
     pub(in crate::window) adapt: bool,
-    /// Only messages are shown.
+    /// The line over the picture is hidden.
     pub(in crate::window) hidden: bool,
+    /// The panel that is open.
+    pub(in crate::window) panel: Option<Panel>,
     /// Passes are timed, because their table is open.
     pub(in crate::window) timed: bool,
     pub(in crate::window) wireframe: bool,
@@ -63,6 +67,7 @@ impl Choices {
             frozen: false,
             adapt: true,
             hidden: false,
+            panel: None,
             timed: false,
             wireframe: settings.wireframe,
             debug_view: settings.debug_view,

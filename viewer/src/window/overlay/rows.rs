@@ -1,19 +1,36 @@
 //! The overlay's statistics, a row each.
 
+use std::rc::Rc;
 use std::time::Duration;
 
 use lodestream_client::core::{Milestone, Stats};
-use lodestream_render::{Counters, Timings};
+use lodestream_render::{Counters, HiddenParts, Timings};
+use lodestream_scene::parts::ScenePart;
 
 use crate::outcome::describe_missing;
+use crate::window::keyboard::Bindings;
 use crate::window::state::State;
 
 /// Values shown besides [`Stats`].
-#[derive(Clone, Debug, Default)]
-pub(in crate::window) struct OverlayState<'a> {
-    pub(in crate::window) adapter: &'a str,
-    pub(in crate::window) address: &'a str,
-    pub(in crate::window) message: Option<&'a str>,
+#[derive(Clone, Debug)]
+pub(in crate::window) struct OverlayState {
+    pub(in crate::window) bindings: Rc<Bindings>,
+    pub(in crate::window) adapter: String,
+    pub(in crate::window) address: String,
+    /// Short name of what is shown.
+    pub(in crate::window) name: String,
+    /// Nothing is shown, and nothing will be.
+    pub(in crate::window) is_empty: bool,
+    pub(in crate::window) message: Option<String>,
+    /// What is being loaded, if it is not streamed.
+    pub(in crate::window) progress: Option<String>,
+    /// What a tool says.
+    pub(in crate::window) tool: Option<String>,
+    /// Measured points in pixels of the window; `None` behind the eye.
+    pub(in crate::window) marks: Vec<Option<[f64; 2]>>,
+    /// Parts that are hidden, for their list.
+    pub(in crate::window) hidden_parts: HiddenParts,
+    pub(in crate::window) selected: Option<ScenePart>,
     pub(in crate::window) frame_ms: f64,
     pub(in crate::window) fps: f64,
     pub(in crate::window) bits_per_s: f64,
@@ -31,8 +48,41 @@ pub(in crate::window) struct OverlayState<'a> {
     pub(in crate::window) times: Timings,
 }
 
+impl OverlayState {
+    /// Nothing but what keys do.
+    #[cfg(test)]
+    pub(in crate::window) fn new(bindings: &Rc<Bindings>) -> Self {
+        Self {
+            bindings: Rc::clone(bindings),
+            adapter: String::new(),
+            address: String::new(),
+            name: String::new(),
+            is_empty: false,
+            message: None,
+            progress: None,
+            tool: None,
+            marks: Vec::new(),
+            hidden_parts: HiddenParts::default(),
+            selected: None,
+            frame_ms: 0.0,
+            fps: 0.0,
+            bits_per_s: 0.0,
+            presented: None,
+            state: State::default(),
+            quality: String::new(),
+            mode: "",
+            camera: String::new(),
+            part: String::new(),
+            draw: Counters::default(),
+            gpu_bytes: 0,
+            waiting_steps: 0,
+            times: Timings::default(),
+        }
+    }
+}
+
 /// Names and values of the rows, from the top.
-pub(super) fn rows(stats: &Stats, overlay: &OverlayState<'_>) -> Vec<(&'static str, String)> {
+pub(super) fn rows(stats: &Stats, overlay: &OverlayState) -> Vec<(&'static str, String)> {
     let ms = |d: Option<Duration>| d.map_or("–".into(), |d| format!("{:.0} ms", d.as_secs_f64() * 1e3));
     let c = &stats.counters;
     let px = |px: f64| if px.is_finite() { format!("{px:.2} px") } else { "–".into() };
@@ -49,8 +99,8 @@ pub(super) fn rows(stats: &Stats, overlay: &OverlayState<'_>) -> Vec<(&'static s
     };
     vec![
         ("scene", format!("{} ({}/{} instances)", stats.scene, stats.instances, stats.scene_instances)),
-        ("server", overlay.address.to_owned()),
-        ("graphics", overlay.adapter.to_owned()),
+        ("source", overlay.address.clone()),
+        ("graphics", overlay.adapter.clone()),
         ("frame", format!("{:.1} ms ({:.1} fps)", overlay.frame_ms, overlay.fps)),
         (
             "first frame",
@@ -108,7 +158,7 @@ pub(super) fn rows(stats: &Stats, overlay: &OverlayState<'_>) -> Vec<(&'static s
 }
 
 /// Formats bytes with a unit.
-fn bytes(bytes: u64) -> String {
+pub(super) fn bytes(bytes: u64) -> String {
     let b = bytes as f64;
     match bytes {
         0..10_000 => format!("{bytes} B"),
@@ -134,17 +184,20 @@ fn thousands(n: u64) -> String {
 mod tests {
     use super::*;
 
-    fn value(stats: &Stats, overlay: &OverlayState<'_>, name: &str) -> String {
+    fn bindings() -> Rc<Bindings> {
+        Rc::new(Bindings::new(&Default::default()).unwrap())
+    }
+
+    fn value(stats: &Stats, overlay: &OverlayState, name: &str) -> String {
         let rows = rows(stats, overlay);
         rows.into_iter().find(|row| row.0 == name).unwrap_or_else(|| panic!("no row {name}")).1
     }
 
     #[test]
     fn a_row_shows_the_step_of_quality() {
-        let overlay = OverlayState {
-            quality: "step 2 of 7: 70 % of the pixels' sides".into(),
-            ..OverlayState::default()
-        };
+        let bindings = bindings();
+        let quality = "step 2 of 7: 70 % of the pixels' sides".into();
+        let overlay = OverlayState { quality, ..OverlayState::new(&bindings) };
         assert_eq!(value(&Stats::default(), &overlay, "quality"), overlay.quality);
     }
 
@@ -152,7 +205,9 @@ mod tests {
     fn a_row_names_the_missing_blobs_of_an_incomplete_picture() {
         let bad = lodestream_scene::BlobId::base(3);
         let stats = Stats { lacking_blobs: 1, lacking: vec![bad], ..Stats::default() };
-        let text = |state| value(&stats, &OverlayState { state, ..OverlayState::default() }, "screen error");
+        let bindings = bindings();
+        let text =
+            |state| value(&stats, &OverlayState { state, ..OverlayState::new(&bindings) }, "screen error");
         assert!(
             text(State::Incomplete).ends_with("damaged or refused (asset 3 base)"),
             "{}",

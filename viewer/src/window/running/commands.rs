@@ -8,11 +8,12 @@ use winit::keyboard::KeyCode;
 use winit::window::Fullscreen;
 
 use super::Running;
-use crate::window::input::{self, Command};
+use crate::window::keyboard::{self, Action};
+use crate::window::overlay::Panel;
 use crate::window::screenshot;
 
-/// Time for which a message about a written picture is shown.
-const NOTICE: Duration = Duration::from_secs(4);
+/// Time for which a message about a picture or a file is shown.
+const NOTICE: Duration = Duration::from_secs(6);
 
 impl Running {
     /// Handles a key that went down or up; returns whether the window is to be closed.
@@ -20,34 +21,59 @@ impl Running {
     /// # Errors
     /// Errors of the graphics device.
     pub(in crate::window) fn key(&mut self, code: KeyCode, pressed: bool) -> anyhow::Result<bool> {
-        input::key(self.now(), code, pressed, &mut self.keys, self.controller.as_mut(), &mut self.quality);
-        if !pressed {
-            return Ok(false);
+        let quality = &mut self.quality;
+        let now = self.clock.now().into();
+        let action = keyboard::key(now, code, pressed, &mut self.keys, self.controller.as_mut(), quality);
+        if pressed {
+            self.clicks.forget();
+            self.pivot.forget_zoom();
         }
-        self.clicks.forget();
-        let control = self.keys.is_control_held();
-        match input::command(code, control) {
-            Some(Command::Frame) => self.frame_pointer(),
-            Some(Command::Overlay) if self.controller.is_some() => self.choices.hidden ^= true,
-            Some(Command::Overlay) => {}
-            Some(Command::FullScreen) => {
+        let Some(action) = action else { return Ok(false) };
+        match action {
+            Action::Frame => self.frame_pointer(),
+            Action::Help => self.toggle(Panel::Help),
+            Action::Information => self.toggle(Panel::Information),
+            Action::Parts => self.toggle(Panel::Parts),
+            Action::Settings => self.toggle(Panel::Settings),
+            Action::Open => {
+                self.toggle(Panel::Open);
+                self.open_panel.refresh();
+            }
+            Action::Overlay => {
+                self.choices.hidden ^= true;
+                self.choices.panel = None;
+            }
+            Action::Wireframe => {
+                self.choices.wireframe ^= true;
+                self.choices.apply(&mut self.settings);
+            }
+            Action::Measure => self.measure.toggle(),
+            Action::FullScreen => {
                 let whole = self.painter.window.fullscreen().is_none();
                 self.painter.window.set_fullscreen(whole.then_some(Fullscreen::Borderless(None)));
             }
-            Some(Command::LeaveFullScreen) => self.painter.window.set_fullscreen(None),
-            Some(Command::Picture) => {
+            Action::Leave if self.measure.is_active() => self.measure.toggle(),
+            Action::Leave if self.choices.panel.is_some() => self.choices.panel = None,
+            Action::Leave => self.painter.window.set_fullscreen(None),
+            Action::Picture => {
                 if let Err(why) = self.painter.take_picture() {
                     self.fail_to_write(&why);
                 }
             }
-            Some(Command::Quit) => return Ok(true),
-            None => {
-                if let Some(streaming) = self.streaming.as_ref().filter(|_| !control) {
-                    self.selection.key(code, &self.painter.gpu, &mut self.scene, streaming)?;
+            Action::Quit => return Ok(true),
+            other => {
+                if let Some(streaming) = &self.streaming {
+                    self.selection.act(other, &self.painter.gpu, &mut self.scene, streaming)?;
+                    self.scene_changed();
                 }
             }
         }
         Ok(false)
+    }
+
+    /// Opens or closes a panel.
+    fn toggle(&mut self, panel: Panel) {
+        self.choices.panel = (self.choices.panel != Some(panel)).then_some(panel);
     }
 
     /// Writes a picture into the current folder, and says so.
@@ -64,8 +90,13 @@ impl Running {
 
     /// The window goes on without the picture.
     fn fail_to_write(&mut self, why: &anyhow::Error) {
-        tracing::warn!("no picture: {why:#}");
-        self.notify_user(format!("no picture: {why:#}"));
+        self.warn(format!("no picture: {why:#}"));
+    }
+
+    /// A warning for the log and over the picture.
+    pub(super) fn warn(&mut self, message: String) {
+        tracing::warn!("{message}");
+        self.notify_user(message);
     }
 
     fn notify_user(&mut self, message: String) {

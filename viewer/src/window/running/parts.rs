@@ -1,20 +1,16 @@
 //! Clicks and keys on parts of the scene.
 
-use std::time::Duration;
-
-use lodestream_client::core::Ray;
-use winit::event::MouseButton;
-
 use super::Running;
 use crate::args::Args;
 use crate::parts;
-use crate::window::clicks::CLICK_PX;
-use crate::window::selection;
 
 impl Running {
-    /// Whether an answer about a part is awaited.
+    /// Whether an answer about the scene is awaited.
     pub(in crate::window) fn awaits_answer(&self) -> bool {
         self.selection.awaits_answer()
+            || self.measure.awaits_answer()
+            || self.pivot.awaits_answer()
+            || self.part_list.awaits_answer()
     }
 
     /// Takes answers about the selected part, and what the command line says of parts of a new scene. Returns whether
@@ -41,44 +37,5 @@ impl Running {
             self.camera_moved();
         }
         Ok(new || selected || fitted.is_some() || framed.is_some())
-    }
-
-    /// Handles a button that went down or up over the scene or, if `consumed`, over the overlay.
-    pub(in crate::window) fn button(&mut self, button: MouseButton, pressed: bool, consumed: bool) {
-        if pressed {
-            self.pressed_at = self.pointer;
-        } else if self.button == Some(MouseButton::Left) && button == MouseButton::Left && !consumed {
-            let (dx, dy) = (self.pointer.x - self.pressed_at.x, self.pointer.y - self.pressed_at.y);
-            if dx.hypot(dy) < CLICK_PX {
-                self.click();
-            } else {
-                self.clicks.forget();
-            }
-        }
-        self.button = (pressed && !consumed).then_some(button);
-    }
-
-    fn click(&mut self) {
-        let (at, frame) = ([self.pointer.x, self.pointer.y], Duration::from_secs_f64(self.frame_ms / 1e3));
-        if self.clicks.click(self.now(), at, frame) {
-            return self.frame_pointer();
-        }
-        let ray = self.pointer_ray();
-        if let Some(streaming) = &self.streaming {
-            self.selection.pick(ray, streaming, &self.scene);
-        }
-    }
-
-    /// Asks what is under the pointer, to move the camera to it.
-    pub(super) fn frame_pointer(&mut self) {
-        let ray = self.pointer_ray();
-        if let Some(streaming) = &self.streaming {
-            self.selection.frame(ray, streaming, &self.scene);
-        }
-    }
-
-    fn pointer_ray(&self) -> Ray {
-        let [width, height] = self.painter.size();
-        selection::ray(&self.camera(), [self.pointer.x, self.pointer.y], (width, height), self.rise)
     }
 }

@@ -16,7 +16,8 @@ impl Running {
     /// # Errors
     /// Files that cannot be prepared; no thread; errors of the graphics device.
     pub(in crate::window) fn receive(&mut self, args: &Args) -> anyhow::Result<bool> {
-        let mut changed = self.receive_files(args)?;
+        let mut changed = self.receive_opening(args)?;
+        changed |= self.receive_files(args)?;
         changed |= self.receive_next()?;
         let Some(streaming) = &mut self.streaming else { return Ok(changed) };
         // Before the steps: a status that says settled refers to steps that are taken below.
@@ -34,6 +35,10 @@ impl Running {
     fn receive_files(&mut self, args: &Args) -> anyhow::Result<bool> {
         let Some(files) = &self.files else { return Ok(false) };
         if let Some(why) = files.take_failure() {
+            if self.stays_open {
+                self.give_up(&format!("{why:#}"));
+                return Ok(true);
+            }
             return Err(why);
         }
         let Some(ready) = files.take_ready() else { return Ok(false) };
@@ -81,7 +86,8 @@ impl Running {
         let loading = || (!shows && self.streaming.is_some()).then(|| self.loading());
         let of_session: Option<String> = of_session.or_else(loading);
         let of_picture = self.notice.as_ref().map(|(_, notice)| notice.clone());
-        let lines: Vec<String> = [of_files, of_session, of_picture].into_iter().flatten().collect();
+        let of_drop = self.hovers.then(|| "drop to open".into());
+        let lines: Vec<String> = [of_files, of_session, of_picture, of_drop].into_iter().flatten().collect();
         (!lines.is_empty()).then(|| lines.join("\n"))
     }
 

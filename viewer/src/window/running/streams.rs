@@ -70,6 +70,7 @@ pub(super) fn prepare(args: &Args, files: &[PathBuf], notify: &Notify) -> anyhow
         cache: args.cache.clone(),
         coarse_first: true,
         watch: args.watch,
+        up: args.up,
         share: args.share,
         quiet: true,
     };

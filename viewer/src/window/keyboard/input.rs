@@ -8,61 +8,39 @@ use std::time::Duration;
 
 use winit::keyboard::KeyCode;
 
-use super::keys::Keys;
+use super::actions::Action;
+use super::held::Keys;
 use lodestream_viewing::{CameraController, Quality, Side};
 
-/// What a key does to the window itself.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Command {
-    /// Frames what is under the pointer.
-    Frame,
-    /// Shows or hides the overlay.
-    Overlay,
-    /// Enters or leaves full screen.
-    FullScreen,
-    /// Leaves full screen.
-    LeaveFullScreen,
-    /// Writes the picture into a file.
-    Picture,
-    /// Closes the window.
-    Quit,
-}
-
-/// The command of a key that went down, with or without a control key.
-pub(super) const fn command(code: KeyCode, control: bool) -> Option<Command> {
-    Some(match (code, control) {
-        (KeyCode::KeyF, false) => Command::Frame,
-        (KeyCode::KeyH, false) => Command::Overlay,
-        (KeyCode::F11, _) => Command::FullScreen,
-        (KeyCode::Escape, _) => Command::LeaveFullScreen,
-        (KeyCode::F12, _) | (KeyCode::KeyS, true) => Command::Picture,
-        (KeyCode::KeyQ, true) => Command::Quit,
-        _ => return None,
-    })
-}
-
-/// Handles a key that went down or up at `now`.
-pub(super) fn key(
+/// Handles a key that went down or up at `now`; returns its action, if it went down and the action is not the camera's.
+pub(in crate::window) fn key(
     now: Duration,
     code: KeyCode,
     pressed: bool,
     keys: &mut Keys,
     controller: Option<&mut CameraController>,
     quality: &mut Quality,
-) {
-    let Some(controller) = controller else { return keys.set(now, code, pressed, None) };
+) -> Option<Action> {
+    let Some(controller) = controller else {
+        keys.set(now, code, pressed, None);
+        return keys.action(code).filter(|_| pressed);
+    };
     keys.set(now, code, pressed, Some(controller));
-    if !pressed || keys.is_control_held() {
-        return;
-    }
-    let side = match code {
-        KeyCode::KeyV => return controller.toggle(),
-        KeyCode::Space => return keys.toggle_turntable(now),
-        KeyCode::KeyR | KeyCode::Home | KeyCode::Digit0 | KeyCode::Numpad0 => None,
-        KeyCode::Digit1 | KeyCode::Numpad1 => Some(Side::Front),
-        KeyCode::Digit3 | KeyCode::Numpad3 => Some(Side::Right),
-        KeyCode::Digit7 | KeyCode::Numpad7 => Some(Side::Top),
-        _ => return,
+    let action = keys.action(code).filter(|_| pressed)?;
+    let side = match action {
+        Action::Fly => {
+            controller.toggle();
+            return None;
+        }
+        Action::Turntable => {
+            keys.toggle_turntable(now);
+            return None;
+        }
+        Action::Start => None,
+        Action::Front => Some(Side::Front),
+        Action::Right => Some(Side::Right),
+        Action::Top => Some(Side::Top),
+        other => return Some(other),
     };
     keys.stop_turntable();
     match side {
@@ -70,10 +48,11 @@ pub(super) fn key(
         None => controller.reset(),
     }
     quality.moved(now);
+    None
 }
 
 /// Moves the camera by the keys held and the turntable, before a frame that begins at `now`.
-pub(super) fn move_camera(
+pub(in crate::window) fn move_camera(
     now: Duration,
     keys: &mut Keys,
     controller: Option<&mut CameraController>,
@@ -87,8 +66,11 @@ pub(super) fn move_camera(
 
 #[cfg(test)]
 mod tests {
-    use super::super::steps::{self, Steps};
+    use std::rc::Rc;
+
+    use super::super::bindings::Bindings;
     use super::*;
+    use crate::window::steps::{self, Steps};
     use lodestream_scene::description::Camera;
     use lodestream_scene::pose::Pose;
 
@@ -141,6 +123,10 @@ mod tests {
         }
     }
 
+    fn usual() -> Keys {
+        Keys::new(Rc::new(Bindings::new(&Default::default()).unwrap()))
+    }
+
     fn start() -> CameraController {
         CameraController::new(Camera {
             eye: [0.0, 0.0, 10.0],
@@ -158,7 +144,7 @@ mod tests {
         presses: &[(Duration, KeyCode)],
         answer: impl Fn(&Pose) -> bool,
     ) -> (Duration, Duration) {
-        let (keys, quality) = (Keys::default(), Quality::new(true));
+        let (keys, quality) = (usual(), Quality::new(true));
         let mut window =
             Window { now: Duration::ZERO, keys, controller, quality, heard: None, shown: Vec::new() };
         let (mut presses, mut free) = (presses.iter().peekable(), Duration::ZERO);
@@ -175,23 +161,8 @@ mod tests {
     }
 
     #[test]
-    fn commands_are_keys_of_their_own_or_letters_with_control() {
-        for (code, control, wanted) in [
-            (KeyCode::F12, false, Some(Command::Picture)),
-            (KeyCode::KeyS, true, Some(Command::Picture)),
-            (KeyCode::KeyS, false, None),
-            (KeyCode::KeyQ, true, Some(Command::Quit)),
-            (KeyCode::KeyQ, false, None),
-            (KeyCode::KeyH, true, None),
-            (KeyCode::Escape, false, Some(Command::LeaveFullScreen)),
-        ] {
-            assert_eq!(command(code, control), wanted, "{code:?} {control}");
-        }
-    }
-
-    #[test]
     fn keys_choose_the_view_and_the_start_view_again() {
-        let (mut controller, mut keys, mut quality) = (start(), Keys::default(), Quality::new(true));
+        let (mut controller, mut keys, mut quality) = (start(), usual(), Quality::new(true));
         let mut press = |code| {
             key(Duration::ZERO, code, true, &mut keys, Some(&mut controller), &mut quality);
             key(Duration::ZERO, code, false, &mut keys, Some(&mut controller), &mut quality);

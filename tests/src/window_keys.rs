@@ -1,0 +1,122 @@
+//! Keys, mouse and dropped files in the viewer's window: each changes the picture, and back.
+
+use std::path::Path;
+
+use image::RgbImage;
+
+use crate::support::picture::skipped;
+use crate::support::program::{Program, RUN_LIMIT, SIZE_PX};
+use crate::support::shapes::ball;
+use crate::support::window_pictures::{wait_for, wait_for_another, wait_for_share};
+use crate::support::x11::{ESCAPE, F11};
+
+/// What a headless viewer draws of a file.
+fn drawn(file: &Path, folder: &Path) -> RgbImage {
+    let (picture, cache) = (folder.join("picture.png"), folder.join("cache"));
+    let output =
+        Program::headless(file.to_str().unwrap(), &picture, &["--cache", cache.to_str().unwrap()]).end();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    image::open(&picture).unwrap().into_rgb8()
+}
+
+/// A box with different faces, of 3 × 2 × 1.
+const BOX: &str = "v 0 0 0\nv 3 0 0\nv 3 2 0\nv 0 2 0\nv 0 0 1\nv 3 0 1\nv 3 2 1\nv 0 2 1\n\
+    f 4 3 2 1\nf 5 6 7 8\nf 1 2 6 5\nf 2 3 7 6\nf 3 4 8 7\nf 4 1 5 8\n";
+
+#[test]
+fn dropped_files_are_shown_one_after_another_and_a_bad_one_leaves_the_picture() {
+    if skipped() {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    std::fs::write(at("ball.obj"), ball(30, 40)).unwrap();
+    std::fs::write(at("box.obj"), BOX).unwrap();
+    std::fs::write(at("bad.obj"), "v 0 0 0\nf 1 2 9\n").unwrap();
+    let [first, second] = ["ball.obj", "box.obj"].map(|name| drawn(&at(name), folder.path()));
+    let program = Program::in_empty_window(&["--no-overlay", "--cache", at("cache").to_str().unwrap()]);
+    let window = program.window();
+    let empty = window.picture(SIZE_PX);
+    window.drop_files(SIZE_PX, &[&at("ball.obj")], RUN_LIMIT);
+    wait_for(&window, "the first file", &first);
+    assert_ne!(empty, first);
+    window.drop_files(SIZE_PX, &[&at("bad.obj")], RUN_LIMIT);
+    wait_for_another(&window, "a message", &first);
+    wait_for(&window, "the first file again", &first);
+    window.drop_files(SIZE_PX, &[&at("box.obj")], RUN_LIMIT);
+    wait_for(&window, "the second file", &second);
+    window.press_with_control('q');
+    let ended = program.end();
+    assert_eq!(ended.status.code(), Some(0), "{}", String::from_utf8_lossy(&ended.stderr));
+    let left: Vec<_> = std::fs::read_dir(at("cache")).unwrap().map(|entry| entry.unwrap().path()).collect();
+    assert!(left.iter().all(|path| path.extension().is_some_and(|own| own == "lsp")), "{left:?}");
+}
+
+#[test]
+fn each_key_and_button_changes_the_picture_and_back() {
+    if skipped() {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("box.obj");
+    std::fs::write(&file, BOX).unwrap();
+    let whole = drawn(&file, folder.path());
+    let cache = folder.path().join("cache");
+    let program =
+        Program::in_window(file.to_str().unwrap(), &["--no-overlay", "--cache", cache.to_str().unwrap()]);
+    let window = program.window();
+    let [x, y] = SIZE_PX.map(|side| i16::try_from(side / 2).unwrap());
+    window.point_at(x, y);
+    wait_for(&window, "the file", &whole);
+    // Panels, edges of triangles, and the line over the picture, each shown and hidden by its key.
+    for (key, share) in [('h', 0.02), ('i', 0.02), ('p', 0.01), ('g', 0.02), ('t', 0.006)] {
+        window.press(key);
+        wait_for_share(&window, &format!("{key}: shown"), &whole, share);
+        window.press(key);
+        wait_for(&window, &format!("{key}: hidden"), &whole);
+    }
+    for key in ['o', 'h'] {
+        window.press_with_control(key);
+        wait_for_share(&window, &format!("control and {key}"), &whole, 0.01);
+        window.press_with_control(key);
+        wait_for(&window, &format!("control and {key} again"), &whole);
+    }
+    window.press('i');
+    wait_for_another(&window, "a panel", &whole);
+    window.press_symbol(ESCAPE);
+    wait_for(&window, "Escape closes it", &whole);
+    // Views, and the way back.
+    for key in ['1', '3', '7', 'f', ' '] {
+        window.press(key);
+        wait_for_another(&window, &format!("{key:?}: moved"), &whole);
+        window.press('0');
+        wait_for(&window, &format!("{key:?}: back"), &whole);
+    }
+    for key in ['w', 's', 'a', 'd', 'q', 'e'] {
+        window.hold(key, || wait_for_another(&window, &format!("{key:?}: moved"), &whole));
+        window.press('0');
+        wait_for(&window, &format!("{key:?}: back"), &whole);
+    }
+    window.turn_wheel(true);
+    let near = wait_for_another(&window, "nearer", &whole);
+    window.turn_wheel(false);
+    wait_for(&window, "away again", &whole);
+    window.click(x, y);
+    window.click(x, y);
+    wait_for_another(&window, "a double click frames what is there", &near);
+    window.press('u');
+    window.press('0');
+    wait_for(&window, "the start view", &whole);
+    // Points that are measured are drawn until Escape.
+    window.press('m');
+    window.click(x - 30, y);
+    window.click(x + 30, y);
+    wait_for_share(&window, "a measured distance", &whole, 0.006);
+    window.press_symbol(ESCAPE);
+    wait_for(&window, "no measuring", &whole);
+    window.wait_for_full_screen(RUN_LIMIT, || window.press_symbol(F11));
+    window.wait_for_full_screen(RUN_LIMIT, || window.press_symbol(ESCAPE));
+    window.press_with_control('q');
+    let ended = program.end();
+    assert_eq!(ended.status.code(), Some(0), "{}", String::from_utf8_lossy(&ended.stderr));
+}

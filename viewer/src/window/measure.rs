@@ -1,0 +1,229 @@
+//! Measuring: coordinates of a point, the distance of two, the angle at the second of three, each with a bound of its
+//! error.
+
+use glam::DVec3;
+use lodestream_client::core::Ray;
+use lodestream_client::streaming::{Answer, Streaming};
+use lodestream_render::SceneView;
+
+/// Most points at once.
+const POINTS: usize = 3;
+/// Error in pixels at which a point is not looked up again.
+const SHARP_PX: f64 = 1.0;
+/// Share of its bound to which a point's error must have fallen to be looked up again.
+const SHARPER: f64 = 0.8;
+
+/// Where a ray met a surface.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Found {
+    place: DVec3,
+    distance: f64,
+    /// The place in the units and axes of the asset's file.
+    in_asset: Option<DVec3>,
+    /// Bound of the error by which positions are rounded, world units.
+    rounding: f64,
+}
+
+/// A point that was clicked.
+#[derive(Clone, Copy, Debug)]
+struct Point {
+    ray: Ray,
+    found: Found,
+    /// Bound of its distance from the surface of the input, world units; infinite before all in view can be drawn.
+    bound: f64,
+}
+
+#[derive(Debug)]
+struct Asked {
+    ray: Ray,
+    /// The point that is looked up again; `None` for a new one.
+    again: Option<usize>,
+    answer: Answer<Option<Found>>,
+}
+
+/// How large errors are: of the picture in pixels, and of a pixel at a distance in world units.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Accuracy {
+    /// Bound of the screen error over all visible parts, in pixels.
+    pub(super) error_px: f64,
+    /// World units per pixel at distance 1, or at any distance if the projection is orthographic.
+    pub(super) per_px: f64,
+    /// Whether the projection is orthographic.
+    pub(super) is_orthographic: bool,
+}
+
+impl Accuracy {
+    /// World units of a pixel where a surface was found.
+    fn pixel(&self, found: &Found) -> f64 {
+        self.per_px * if self.is_orthographic { 1.0 } else { found.distance }
+    }
+
+    /// Bound of the distance between what is drawn and the input, where a surface was found.
+    fn bound(&self, found: &Found) -> f64 {
+        self.error_px * self.pixel(found) + found.rounding
+    }
+}
+
+/// Points that are measured.
+#[derive(Debug, Default)]
+pub(super) struct Measure {
+    active: bool,
+    points: Vec<Point>,
+    asked: Option<Asked>,
+}
+
+impl Measure {
+    /// Starts or ends measuring.
+    pub(super) fn toggle(&mut self) {
+        *self = Self { active: !self.active, ..Self::default() };
+    }
+
+    /// Whether clicks are points.
+    pub(super) const fn is_active(&self) -> bool {
+        self.active
+    }
+
+    /// Whether an answer is awaited.
+    pub(super) const fn awaits_answer(&self) -> bool {
+        self.asked.is_some()
+    }
+
+    /// Adds the point that a ray meets; after three, a new first one.
+    pub(super) fn click(&mut self, ray: Ray, streaming: &Streaming, scene: &SceneView) {
+        self.ask(ray, None, streaming, scene);
+    }
+
+    fn ask(&mut self, ray: Ray, again: Option<usize>, streaming: &Streaming, scene: &SceneView) {
+        let hidden = scene.hidden_parts();
+        let answer = streaming.ask(move |core| {
+            let hit = core.pick(ray, |part| hidden.contains(part))?;
+            let in_asset = core.in_asset(hit.instance, hit.place);
+            let rounding = core.rounding(hit.instance).unwrap_or(f64::INFINITY);
+            Some(Found { place: hit.place, distance: hit.distance, in_asset, rounding })
+        });
+        self.asked = answer.ok().map(|answer| Asked { ray, again, answer });
+    }
+
+    /// Takes an answer, and looks points up again that were found in a coarser picture than the present one; returns
+    /// whether the points have changed.
+    pub(super) fn receive(&mut self, accuracy: &Accuracy, streaming: &Streaming, scene: &SceneView) -> bool {
+        let taken = self.asked.as_mut().map(|asked| (asked.ray, asked.again, asked.answer.take()));
+        let mut changed = false;
+        match taken {
+            Some((_, _, Ok(None))) => return false,
+            Some((ray, again, Ok(Some(Some(found))))) => {
+                let point = Point { ray, found, bound: accuracy.bound(&found) };
+                match again.and_then(|number| self.points.get_mut(number)) {
+                    Some(old) => *old = point,
+                    None => {
+                        if self.points.len() == POINTS {
+                            self.points.clear();
+                        }
+                        self.points.push(point);
+                    }
+                }
+                changed = true;
+            }
+            Some((_, _, Ok(Some(None)) | Err(_))) | None => {}
+        }
+        self.asked = None;
+        let coarser = |point: &Point| {
+            let now = accuracy.bound(&point.found);
+            now < SHARPER * point.bound && point.bound > SHARP_PX * accuracy.pixel(&point.found)
+        };
+        if let Some(number) = self.points.iter().position(coarser)
+            && let Some(point) = self.points.get(number)
+        {
+            self.ask(point.ray, Some(number), streaming, scene);
+        }
+        changed
+    }
+
+    /// What was measured, for the line below the picture; `None` while nothing is.
+    pub(super) fn describe(&self) -> Option<String> {
+        if !self.active {
+            return None;
+        }
+        let places: Vec<DVec3> = self.points.iter().map(|point| point.found.place).collect();
+        let bound: f64 = self.points.iter().map(|point| point.bound).sum();
+        Some(match places[..] {
+            [a, b, c] => {
+                let angle = (a - b).angle_between(c - b).to_degrees();
+                format!("angle {angle:.2}°, {} and {}", length(a, b, bound), length(b, c, bound))
+            }
+            [a, b] => format!("distance {}", length(a, b, bound)),
+            [a] => {
+                let own = self.points.first().and_then(|point| point.found.in_asset).filter(|own| *own != a);
+                let own = own.map(|own| format!(", in its file {}", coordinates(own, bound)));
+                format!("at {}{} ± {}", coordinates(a, bound), own.unwrap_or_default(), short(bound))
+            }
+            _ => "measure: click a point".into(),
+        })
+    }
+
+    /// Places of the points, for drawing.
+    pub(super) fn places(&self) -> Vec<DVec3> {
+        self.points.iter().map(|point| point.found.place).collect()
+    }
+}
+
+fn length(a: DVec3, b: DVec3, bound: f64) -> String {
+    format!("{:.*} ± {}", decimals(bound), (a - b).length(), short(bound))
+}
+
+fn coordinates(place: DVec3, bound: f64) -> String {
+    let decimals = decimals(bound);
+    format!("{:.decimals$} {:.decimals$} {:.decimals$}", place.x, place.y, place.z)
+}
+
+/// Decimals that tell a tenth of the bound apart.
+fn decimals(bound: f64) -> usize {
+    // Between the bounds of the range.
+    if bound.is_finite() && bound > 0.0 { (1.0 - bound.log10()).ceil().clamp(0.0, 12.0) as usize } else { 3 }
+}
+
+/// A bound with one digit, rounded up.
+fn short(bound: f64) -> String {
+    if !(bound.is_finite() && bound > 0.0) {
+        return "?".into();
+    }
+    let unit = 10_f64.powf(bound.log10().floor());
+    format!("{:.*}", decimals(bound).saturating_sub(1), (bound / unit * (1.0 - 1e-9)).ceil() * unit)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn measured(places: &[[f64; 3]], bound: f64) -> String {
+        let ray = Ray { origin: DVec3::ZERO, direction: DVec3::Z };
+        let point = |place: &[f64; 3]| {
+            let found = Found { place: DVec3::from(*place), distance: 1.0, in_asset: None, rounding: 0.0 };
+            Point { ray, found, bound }
+        };
+        let points = places.iter().map(point).collect();
+        Measure { active: true, points, asked: None }.describe().unwrap()
+    }
+
+    #[test]
+    fn points_distances_and_angles_have_a_bound_and_no_more_digits_than_it_allows() {
+        assert_eq!(measured(&[], 0.1), "measure: click a point");
+        assert_eq!(measured(&[[408_201.123_456, 0.0, -2.5]], 0.001), "at 408201.1235 0.0000 -2.5000 ± 0.001");
+        assert_eq!(measured(&[[0.0; 3], [3.0, 4.0, 0.0]], 0.002), "distance 5.0000 ± 0.004");
+        assert_eq!(
+            measured(&[[1.0, 0.0, 0.0], [0.0; 3], [0.0, 2.0, 0.0]], 0.01),
+            "angle 90.00°, 1.000 ± 0.03 and 2.000 ± 0.03"
+        );
+        assert_eq!(measured(&[[1.0, 2.0, 3.0]], f64::INFINITY), "at 1.000 2.000 3.000 ± ?");
+        assert_eq!(Measure::default().describe(), None);
+    }
+
+    #[test]
+    fn bounds_grow_with_the_distance_in_perspective_alone() {
+        let perspective = Accuracy { error_px: 2.0, per_px: 0.01, is_orthographic: false };
+        let parallel = Accuracy { is_orthographic: true, ..perspective };
+        let found = Found { place: DVec3::ZERO, distance: 5.0, in_asset: None, rounding: 0.25 };
+        assert!((perspective.bound(&found) - 0.35).abs() < 1e-12);
+        assert!((parallel.bound(&found) - 0.27).abs() < 1e-12);
+    }
+}
