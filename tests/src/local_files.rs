@@ -118,6 +118,59 @@ fn an_interrupted_preparation_leaves_nothing() {
     assert!(!at("x.png").exists());
 }
 
+#[test]
+fn a_window_that_is_closed_while_files_are_prepared_leaves_nothing() {
+    if skipped() {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    std::fs::write(at("ball.obj"), ball(500, 600)).unwrap();
+    std::fs::create_dir(at("cache")).unwrap();
+    let cache = at("cache");
+    let program = Program::in_window(at("ball.obj").to_str().unwrap(), &["--cache", cache.to_str().unwrap()]);
+    let window = program.window();
+    let until = Instant::now() + RUN_LIMIT;
+    while names(&cache).is_empty() {
+        assert!(Instant::now() < until, "the preparation did not begin");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    window.ask_to_close();
+    let ended = program.end();
+    assert_eq!(ended.status.code(), Some(0), "{}", errors(&ended));
+    // A machine that is quick enough has written the whole pack.
+    let left: Vec<String> = names(&cache).into_iter().filter(|name| !name.ends_with(".lsp")).collect();
+    assert_eq!(left, Vec::<String>::new());
+}
+
+#[test]
+fn a_shared_scene_looks_the_same_in_another_viewer() {
+    if skipped() {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    std::fs::write(at("ball.obj"), ball(30, 40)).unwrap();
+    let own = headless(&at("ball.obj"), &at("cache"), &at("own.png"));
+    assert!(own.status.success(), "{}", errors(&own));
+    let cache = at("cache");
+    let arguments = ["--share=127.0.0.1:0", "--cache", cache.to_str().unwrap()];
+    let mut sharing = Program::in_window(at("ball.obj").to_str().unwrap(), &arguments);
+    for (number, scheme) in ["quic://", "ws://"].into_iter().enumerate() {
+        let url = sharing.line();
+        assert!(url.starts_with(scheme), "{url}");
+        let picture = at(&format!("{number}.png"));
+        let other = Program::headless(&url, &picture, &CAMERA).end();
+        assert!(other.status.success(), "{}", errors(&other));
+        let [own, other] = [at("own.png"), picture].map(|picture| image::open(picture).unwrap().into_rgba8());
+        let error = image_error(&own, &other).unwrap();
+        assert!(error.flip <= MAX_FLIP, "{error:?}");
+    }
+    sharing.close();
+    let ended = sharing.end();
+    assert_eq!(ended.status.code(), Some(0), "{}", errors(&ended));
+}
+
 /// Two balls side by side, the left one of another colour than the right one, which is green.
 fn write_balls(folder: &Path, left: &str) {
     let mut obj = String::from("mtllib balls.mtl\n");

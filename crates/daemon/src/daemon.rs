@@ -241,7 +241,8 @@ impl Daemon {
     }
 
     /// URLs of the page for browsers, if there is one.
-    pub(crate) fn page_urls(&self) -> Vec<String> {
+    #[must_use]
+    pub fn page_urls(&self) -> Vec<String> {
         let scheme = if self.tls.is_some() { "https" } else { "http" };
         let addresses = self.http_address().filter(|_| self.state.site().has_page()).into_iter();
         addresses.flat_map(advertised_addresses).map(|address| format!("{scheme}://{address}/")).collect()

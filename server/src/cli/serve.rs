@@ -194,13 +194,7 @@ fn page(folder: Option<&Path>) -> anyhow::Result<PageSetting> {
     if let Some(folder) = folder {
         return Ok(PageSetting::Loaded(Page::load(folder).context("--page")?));
     }
-    let program = std::env::current_exe().context("the program's folder is not known: give --page DIR")?;
-    let beside = |path: &str| program.parent().and_then(Path::parent).map(|parent| parent.join(path));
-    let folders: Vec<PathBuf> = ["share/lodestream/web", "web"].into_iter().filter_map(beside).collect();
-    match folders.iter().find(|folder| folder.is_dir()) {
-        Some(folder) => Page::load(folder).map(PageSetting::Loaded).context("the page for browsers"),
-        None => Ok(PageSetting::Absent(folders)),
-    }
+    PageSetting::installed().context("the page for browsers")
 }
 
 /// Prepares, opens and serves the scenes. `again` parses the arguments again, with the file's present contents.

@@ -1,6 +1,6 @@
 //! The viewer's program, in a window of a virtual X server or headless.
 
-use std::io::{BufRead as _, BufReader};
+use std::io::{BufRead as _, BufReader, Read as _};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
@@ -99,6 +99,13 @@ impl Program {
     pub(crate) fn window(&self) -> OpenWindow {
         let display = self.display.as_ref().expect("it has a window");
         OpenWindow::wait(&display.name, RUN_LIMIT)
+    }
+
+    /// The next line of its standard output, which is read byte by byte: the rest stays for [`Self::end`].
+    pub(crate) fn line(&mut self) -> String {
+        let out = self.child.stdout.as_mut().expect("it is piped");
+        let bytes = out.bytes().map(|byte| byte.unwrap()).take_while(|byte| *byte != b'\n');
+        String::from_utf8(bytes.collect()).unwrap()
     }
 
     /// Asks the window to close, as a window manager does. Waits until there is a window.

@@ -8,7 +8,9 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use anyhow::Context as _;
-use lodestream_daemon::{Daemon, DaemonOptions, SceneProvider, SceneUpdate, Scenes, StopRequests};
+use lodestream_daemon::{
+    Daemon, DaemonOptions, PageSetting, SceneProvider, SceneUpdate, Scenes, StopRequests,
+};
 use lodestream_protocol::source::SceneSource;
 use lodestream_store::{BlobCache, DEFAULT_CACHE_BYTES, Objects, SceneStore};
 use tokio::runtime::Runtime;
@@ -55,13 +57,14 @@ impl Share {
         let newest = Arc::new(NewestScene::default());
         let options = DaemonOptions {
             listen: Some(self.address),
-            http: None,
+            http: Some(self.address),
+            page: PageSetting::installed()?,
             provider: Some(Arc::clone(&newest) as Arc<dyn SceneProvider>),
             ..DaemonOptions::new(&self.state_folder)
         };
         let bind = Daemon::bind(options, Scenes::one(store));
         let daemon = self.runtime.block_on(bind).with_context(|| format!("--share {}", self.address))?;
-        let urls = daemon.urls();
+        let urls = [daemon.urls(), daemon.page_urls()].concat();
         self.running = Some(Running { newest, reload: Box::new(daemon.reload()) });
         self.runtime.spawn(async move {
             if let Err(why) = daemon.serve(UntilTheEnd).await {

@@ -35,6 +35,12 @@ pub enum PageError {
         /// The cause.
         why: io::Error,
     },
+    /// The folder of the program is not known, beside which the page is.
+    #[error("the program's folder is not known: {why}")]
+    Program {
+        /// The cause.
+        why: io::Error,
+    },
     /// There are too many files.
     #[error("{path} holds more than {MAX_FILES} files: give the folder that script/web has written", path = .0.display())]
     TooManyFiles(PathBuf),
@@ -68,6 +74,21 @@ pub enum PageSetting {
 }
 
 impl PageSetting {
+    /// The page where a package or a build of the repository puts it: `../share/lodestream/web` or `../web` beside the
+    /// program.
+    ///
+    /// # Errors
+    /// A page that cannot be read, and a program whose folder is not known.
+    pub fn installed() -> Result<Self, PageError> {
+        let program = std::env::current_exe().map_err(|why| PageError::Program { why })?;
+        let beside = |path: &str| program.parent().and_then(Path::parent).map(|parent| parent.join(path));
+        let folders: Vec<PathBuf> = ["share/lodestream/web", "web"].into_iter().filter_map(beside).collect();
+        match folders.iter().find(|folder| folder.is_dir()) {
+            Some(folder) => Page::load(folder).map(Self::Loaded),
+            None => Ok(Self::Absent(folders)),
+        }
+    }
+
     /// The sentence for people who look for the page, if it is absent.
     pub(crate) fn absence(&self) -> Option<String> {
         let Self::Absent(folders) = self else { return None };
