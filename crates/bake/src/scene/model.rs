@@ -10,7 +10,9 @@ use crate::stderr::write_line;
 use lodestream_geometry::Settings;
 use lodestream_import::gltf::{self, CopyTolerance};
 use lodestream_import::{ImportError, Part, is_gltf};
-use lodestream_scene::description::{Camera, DEFAULT_AMBIENT, DEFAULT_BACKGROUND, Instance};
+use lodestream_scene::description::{
+    Camera, DEFAULT_AMBIENT, DEFAULT_BACKGROUND, Instance, STUDIO_AMBIENT, STUDIO_BACKGROUND, STUDIO_LIGHT,
+};
 use lodestream_scene::placement::Placement;
 use lodestream_scene::punctual_lights::PunctualLight;
 
@@ -137,7 +139,7 @@ pub struct Scene {
 }
 
 impl Scene {
-    /// A scene of some models, side by side.
+    /// A scene of some models, side by side, in a studio.
     ///
     /// # Errors
     /// A glTF file that cannot be read: its meshes become assets, so they must be known.
@@ -152,6 +154,7 @@ impl Scene {
         sources: &Sources,
     ) -> Result<Self, ImportError> {
         let mut scene = Self::empty();
+        scene.set_studio();
         let mut names = UniqueNames::default();
         for file in files {
             let mut asset = Asset::of_file(file);
@@ -265,6 +268,13 @@ impl Scene {
         (instances, part_names)
     }
 
+    /// Puts the scene into a studio, lit from the default side.
+    pub fn set_studio(&mut self) {
+        (self.background, self.ambient) = (STUDIO_BACKGROUND, STUDIO_AMBIENT);
+        self.light_direction = STUDIO_LIGHT;
+    }
+
+    /// A scene without models, under the sky.
     pub(super) fn empty() -> Self {
         Self {
             name: "scene".to_owned(),

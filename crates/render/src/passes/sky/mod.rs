@@ -6,10 +6,12 @@ mod map;
 mod maps;
 mod octahedral;
 mod prefilter;
+mod studio;
 mod table;
 
 pub(crate) use gpu::{SkyGpu, SkyLight};
 pub use maps::SkyMaps;
+pub(crate) use studio::white as studio_white;
 #[cfg(test)]
 pub(crate) use octahedral::Octahedral;
 #[cfg(test)]

@@ -1,0 +1,54 @@
+//! Light and background of a studio, in axes with z up and x towards the key light's azimuth, for a key light of
+//! luminance 1. Both are symmetric in y, as the maps are.
+
+use glam::DVec3;
+
+use super::map::luminance;
+use crate::scene::environment::Studio;
+
+/// Radiance of a white diffuse surface that faces the key light, from all lights.
+const WHITE: f64 = 1.45;
+
+/// A soft box: direction of its middle, cosines at which it begins to fade and has faded, radiance.
+struct SoftBox([f64; 3], [f64; 2], f64);
+
+/// Overhead, which lights tops and rims; on the key light's side; at both sides of it, for edges of metal; behind.
+const BOXES: [SoftBox; 4] = [
+    SoftBox([0.15, 0.0, 0.988_7], [0.86, 0.60], 0.95),
+    SoftBox([0.80, 0.0, 0.60], [0.94, 0.78], 1.1),
+    SoftBox([0.0, 0.98, 0.2], [0.96, 0.86], 0.8),
+    SoftBox([-0.92, 0.0, 0.392], [0.95, 0.82], 0.9),
+];
+
+/// Factor on the studio's lights: luminance of its key light, or 1 without one.
+pub(super) fn scale(studio: &Studio) -> f64 {
+    let key = luminance(studio.key.as_dvec3());
+    if key > 0.0 { key } else { 1.0 }
+}
+
+/// Radiance of a white diffuse surface that faces the key light.
+pub(crate) fn white(studio: &Studio) -> f32 {
+    (WHITE * scale(studio)) as f32
+}
+
+/// Radiance that objects reflect: walls that darken downwards, and soft boxes.
+pub(super) fn light(direction: DVec3) -> f64 {
+    let walls = 0.16 + 0.14 * smooth(-1.0, 1.0, direction.z);
+    let boxes = BOXES.iter().map(|SoftBox(middle, [begins, ends], radiance)| {
+        let mirrored = direction.with_y(direction.y.abs());
+        radiance * smooth(*ends, *begins, mirrored.dot(DVec3::from(*middle)))
+    });
+    walls + boxes.sum::<f64>()
+}
+
+/// Radiance of the background: darker upwards, without a horizon.
+pub(super) fn background(direction: DVec3) -> f64 {
+    let (low, high) = (0.70, 0.34);
+    low + (high - low) * smooth(-0.9, 0.9, direction.z)
+}
+
+/// Hermite's step between two values.
+fn smooth(from: f64, to: f64, x: f64) -> f64 {
+    let t = ((x - from) / (to - from)).clamp(0.0, 1.0);
+    t * t * (3.0 - 2.0 * t)
+}
