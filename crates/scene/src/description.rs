@@ -71,9 +71,9 @@ pub const DEFAULT_AMBIENT: [f32; 3] = [0.25; 3];
 /// Background of scenes that specify none, linear RGB.
 pub const DEFAULT_BACKGROUND: [f32; 3] = [0.35, 0.45, 0.6];
 /// Background that together with [`STUDIO_AMBIENT`] stands for a studio. A renderer without studios shows a grey sky.
-pub const STUDIO_BACKGROUND: [f32; 3] = [0.28; 3];
+pub const STUDIO_BACKGROUND: [f32; 3] = [0.25; 3];
 /// Ambient light of a studio: as bright as that grey sky's horizon, which is not seen then.
-pub const STUDIO_AMBIENT: [f32; 3] = [0.364; 3];
+pub const STUDIO_AMBIENT: [f32; 3] = [0.325; 3];
 /// Unit vector towards the key light of a studio that states none: from the upper left of the start camera of models.
 pub const STUDIO_LIGHT: [f32; 3] = [-0.390_562_8, 0.737_729_7, 0.550_650_1];
 

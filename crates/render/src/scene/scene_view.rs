@@ -47,7 +47,7 @@ const GROUND_ERRORS: f64 = 2.4;
 /// Exposed radiance of a white surface that faces the sun: near the upper end of the tone curve.
 const SUNLIT_WHITE: f32 = 1.6;
 /// Of one that faces a studio's key light: lower on the tone curve, so that the sides of pale objects differ.
-const STUDIO_WHITE: f32 = 1.2;
+const STUDIO_WHITE: f32 = 1.3;
 /// Meteorological range as a multiple of half the terrain's side: a fifth of the contrast remains at the terrain's
 /// border.
 const HAZE_OVER_REACH: f64 = 2.0;

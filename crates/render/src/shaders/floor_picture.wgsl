@@ -1,6 +1,6 @@
 // The picture of a studio's ground: share of the key light, and openness to light from around. Samples on Vogel's spiral
-// are turned from texel to texel, in a pattern of 4x4 over which the lookup takes the mean. Lengths are in radii of the
-// objects.
+// are turned from texel to texel, in a pattern of 4x4 over which floor_smooth.wgsl takes the mean. Lengths are in radii
+// of the objects.
 
 @group(0) @binding(3) var undersides: texture_depth_2d_array;
 @group(0) @binding(4) var key_map: texture_depth_2d_array;
@@ -40,7 +40,8 @@ fn caster(place: vec2<f32>) -> f32 {
 fn key_light(at: vec3<f32>, turn: f32) -> f32 {
     let radius = studio.size.x;
     let place = (studio.key_from_floor * vec4(at, 1.0)).xyz;
-    let least = place.z + RAISED * radius / studio.range.w;
+    // The ground may be deeper than the map shows.
+    let least = max(place.z + RAISED * radius / studio.range.w, 0.0);
     let scale = radius * studio.size.y;
     var sum = 0.0;
     var count = 0.0;

@@ -19,6 +19,7 @@ use crate::resources::descriptors::{DRAWN_AND_SAMPLED, blend, texture_2d, textur
 use crate::resources::gpu::Gpu;
 
 const LOWEST: &str = wgsl!("fullscreen", "floor_lowest");
+const SMOOTH: &str = wgsl!("fullscreen", "floor_smooth");
 const PICTURE: &str = wgsl!("floor", "floor_picture");
 const SHOWN: &str = wgsl!("common", "floor", "floor_shown");
 
@@ -34,6 +35,7 @@ const LOWEST_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::R32Float;
 pub(crate) struct FloorPipelines {
     lowest: wgpu::RenderPipeline,
     picture: wgpu::RenderPipeline,
+    smooth: wgpu::RenderPipeline,
     shown: wgpu::RenderPipeline,
     sampler: wgpu::Sampler,
 }
@@ -41,8 +43,8 @@ pub(crate) struct FloorPipelines {
 impl FloorPipelines {
     pub(crate) fn new(gpu: &Gpu) -> Self {
         use wgpu::{BlendFactor, BlendOperation};
-        let [lowest, picture, shown] =
-            [("floor lowest", LOWEST), ("floor picture", PICTURE), ("floor", SHOWN)]
+        let [lowest, picture, smooth, shown] =
+            [("floor lowest", LOWEST), ("floor picture", PICTURE), ("floor smooth", SMOOTH), ("floor", SHOWN)]
                 .map(|(label, text)| shader(gpu, label, text));
         let constants = [("WIDTH", f64::from(SIZE.0)), ("ROWS", f64::from(SIZE.1))];
         // By multiplication; alpha, which marks surfaces, is multiplied by 1.
@@ -57,6 +59,7 @@ impl FloorPipelines {
                 (PICTURE_FORMAT.into(), None),
                 &constants,
             ),
+            smooth: pipeline(gpu, &smooth, ["vs_fullscreen", "fs_smooth"], (PICTURE_FORMAT.into(), None), &[]),
             shown: pipeline(gpu, &shown, ["vs_floor", "fs_shown"], (darkened, None), &[]),
             sampler: gpu.device.create_sampler(&wgpu::SamplerDescriptor {
                 label: Some("floor"),
@@ -90,8 +93,8 @@ pub(crate) struct FloorPass {
     /// Of undersides, and of the key light.
     maps: [ShadowMaps; 2],
     uniform: wgpu::Buffer,
-    /// Deepest undersides, and the picture of the ground.
-    pictures: Option<[wgpu::Texture; 2]>,
+    /// Deepest undersides, the picture of the ground with a pattern, and without.
+    pictures: Option<[wgpu::Texture; 3]>,
 }
 
 impl FloorPass {
@@ -113,7 +116,7 @@ impl FloorPass {
     #[cfg(test)]
     pub(crate) fn drawn(&self) -> Option<([&wgpu::Texture; 2], &wgpu::Texture)> {
         let [undersides, key] = &self.maps;
-        let [_, picture] = self.pictures.as_ref()?;
+        let [_, _, picture] = self.pictures.as_ref()?;
         Some(([undersides.drawn()?.0, key.drawn()?.0], picture))
     }
 
@@ -158,17 +161,19 @@ impl FloorPass {
     }
 
     fn draw_pictures(&mut self, gpu: &Gpu, pipelines: &FloorPipelines, encoder: &mut PassEncoder<'_>) {
-        let [lowest, picture] = self.pictures.get_or_insert_with(|| {
+        let pictures = self.pictures.get_or_insert_with(|| {
             let blocks = UNDERSIDE_SIDE / BLOCK;
             let texture = |label, size, format| {
                 gpu.device.create_texture(&texture_2d(label, size, format, DRAWN_AND_SAMPLED))
             };
             [
                 texture("floor lowest", (blocks, blocks), LOWEST_FORMAT),
+                texture("floor pattern", SIZE, PICTURE_FORMAT),
                 texture("floor picture", SIZE, PICTURE_FORMAT),
             ]
         });
-        let [lowest, picture] = [lowest, picture].map(|texture| texture.create_view(&Default::default()));
+        let [lowest, pattern, picture] =
+            pictures.each_ref().map(|texture| texture.create_view(&Default::default()));
         let [Some(undersides), Some(key)] = [0, 1].map(|i: usize| self.maps[i].view()) else { return };
         let view = |binding, view| wgpu::BindGroupEntry {
             binding,
@@ -180,8 +185,9 @@ impl FloorPass {
             (
                 &pipelines.picture,
                 &[uniform, view(2, &lowest), view(3, &undersides), view(4, &key)][..],
-                &picture,
+                &pattern,
             ),
+            (&pipelines.smooth, &[view(0, &pattern)][..], &picture),
         ] {
             let group = bind_group(gpu, pipeline, entries);
             fullscreen(encoder, PassId::Floor, pipeline, &group, &Target::colour(into, (0, 0)));
@@ -197,7 +203,7 @@ impl FloorPass {
         (depth, into): (&wgpu::TextureView, &wgpu::TextureView),
     ) {
         let Some(pictures) = &self.pictures else { return };
-        let [lowest, picture] = pictures.each_ref().map(|texture| texture.create_view(&Default::default()));
+        let [lowest, _, picture] = pictures.each_ref().map(|texture| texture.create_view(&Default::default()));
         let entry = |binding, resource| wgpu::BindGroupEntry { binding, resource };
         let entries = [
             entry(0, frame.as_entire_binding()),

@@ -7,17 +7,17 @@ use super::map::luminance;
 use crate::scene::environment::Studio;
 
 /// Radiance of a white diffuse surface that faces the key light, from all lights.
-const WHITE: f64 = 1.45;
+const WHITE: f64 = 1.675;
 
 /// A soft box: direction of its middle, cosines at which it begins to fade and has faded, radiance.
 struct SoftBox([f64; 3], [f64; 2], f64);
 
 /// Overhead, which lights tops and rims; on the key light's side; at both sides of it, for edges of metal; behind.
 const BOXES: [SoftBox; 4] = [
-    SoftBox([0.15, 0.0, 0.988_7], [0.86, 0.60], 0.95),
-    SoftBox([0.80, 0.0, 0.60], [0.94, 0.78], 1.1),
-    SoftBox([0.0, 0.98, 0.2], [0.96, 0.86], 0.8),
-    SoftBox([-0.92, 0.0, 0.392], [0.95, 0.82], 0.9),
+    SoftBox([0.15, 0.0, 0.988_7], [0.94, 0.74], 1.0),
+    SoftBox([0.80, 0.0, 0.60], [0.97, 0.86], 1.3),
+    SoftBox([0.1, 0.975, 0.2], [0.98, 0.91], 1.0),
+    SoftBox([-0.92, 0.0, 0.392], [0.97, 0.88], 1.0),
 ];
 
 /// Factor on the studio's lights: luminance of its key light, or 1 without one.
@@ -31,19 +31,20 @@ pub(crate) fn white(studio: &Studio) -> f32 {
     (WHITE * scale(studio)) as f32
 }
 
-/// Radiance that objects reflect: walls that darken downwards, and soft boxes.
+/// Radiance that objects reflect: walls, brighter above, ground, and soft boxes.
 pub(super) fn light(direction: DVec3) -> f64 {
-    let walls = 0.16 + 0.14 * smooth(-1.0, 1.0, direction.z);
+    let walls = 0.08 + 0.14 * smooth(-0.3, 1.0, direction.z);
+    let ground = 0.14 * smooth(0.0, -0.5, direction.z);
     let boxes = BOXES.iter().map(|SoftBox(middle, [begins, ends], radiance)| {
         let mirrored = direction.with_y(direction.y.abs());
         radiance * smooth(*ends, *begins, mirrored.dot(DVec3::from(*middle)))
     });
-    walls + boxes.sum::<f64>()
+    walls + ground + boxes.sum::<f64>()
 }
 
 /// Radiance of the background: darker upwards, without a horizon.
 pub(super) fn background(direction: DVec3) -> f64 {
-    let (low, high) = (0.70, 0.34);
+    let (low, high) = (0.56, 0.20);
     low + (high - low) * smooth(-0.9, 0.9, direction.z)
 }
 
