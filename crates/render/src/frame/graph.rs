@@ -502,6 +502,7 @@ mod tests {
                 depth: bit(3),
                 keep: bit(4),
                 shadows: bit(5),
+                floor: bit(5),
                 antialias: bit(6),
                 emission: bit(7),
                 transparency: bit(8),

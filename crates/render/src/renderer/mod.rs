@@ -502,6 +502,12 @@ impl Renderer {
         &self.shadow_maps
     }
 
+    /// The ground of a studio, once a frame has had one.
+    #[cfg(test)]
+    pub(crate) fn floor(&self) -> Option<&FloorPass> {
+        self.floor.as_ref()
+    }
+
     /// Memory of meshes.
     #[cfg(any(test, feature = "client"))]
     pub(crate) fn mesh_pools(&self) -> &MeshPools {

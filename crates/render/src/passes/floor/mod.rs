@@ -8,4 +8,4 @@ mod place;
 pub(crate) use pass::{FloorPass, FloorPipelines};
 pub(crate) use place::FloorPlace;
 #[cfg(test)]
-pub(crate) use place::{KEY_SIDE, UNDERSIDE_SIDE};
+pub(crate) use place::FloorUniform;

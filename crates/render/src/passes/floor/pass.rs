@@ -95,6 +95,11 @@ pub(crate) struct FloorPass {
     uniform: wgpu::Buffer,
     /// Deepest undersides, the picture of the ground with a pattern, and without.
     pictures: Option<[wgpu::Texture; 3]>,
+    /// The last uniform block, and how often the pictures were drawn.
+    #[cfg(test)]
+    block: FloorUniform,
+    #[cfg(test)]
+    pub(crate) pictures_drawn: u32,
 }
 
 impl FloorPass {
@@ -103,6 +108,10 @@ impl FloorPass {
             maps: std::array::from_fn(|_| ShadowMaps::new(gpu, frame_layout)),
             uniform: uniform_buffer::<FloorUniform>(gpu, "floor"),
             pictures: None,
+            #[cfg(test)]
+            block: bytemuck::Zeroable::zeroed(),
+            #[cfg(test)]
+            pictures_drawn: 0,
         }
     }
 
@@ -112,12 +121,12 @@ impl FloorPass {
         pictures + self.maps.iter().map(ShadowMaps::bytes).sum::<u64>()
     }
 
-    /// The map of undersides or of the key light, and the picture of the ground.
+    /// The maps of undersides and of the key light, the picture of the ground, and the last uniform block.
     #[cfg(test)]
-    pub(crate) fn drawn(&self) -> Option<([&wgpu::Texture; 2], &wgpu::Texture)> {
+    pub(crate) fn drawn(&self) -> Option<([&wgpu::Texture; 2], &wgpu::Texture, FloorUniform)> {
         let [undersides, key] = &self.maps;
         let [_, _, picture] = self.pictures.as_ref()?;
-        Some(([undersides.drawn()?.0, key.drawn()?.0], picture))
+        Some(([undersides.drawn()?.0, key.drawn()?.0], picture, self.block))
     }
 
     /// Selects what the maps show, and decides which are redrawn.
@@ -155,12 +164,20 @@ impl FloorPass {
         let top = |i: usize| found.casters[i].first().map_or(0.0, |casters| casters.top);
         let uniform = found.place.uniform([top(0), top(1)], eye);
         gpu.queue.write_buffer(&self.uniform, 0, bytemuck::bytes_of(&uniform));
+        #[cfg(test)]
+        {
+            self.block = uniform;
+        }
         if self.pictures.is_none() || found.redrawn.iter().flatten().any(|redrawn| *redrawn) {
             self.draw_pictures(gpu, pipelines, encoder);
         }
     }
 
     fn draw_pictures(&mut self, gpu: &Gpu, pipelines: &FloorPipelines, encoder: &mut PassEncoder<'_>) {
+        #[cfg(test)]
+        {
+            self.pictures_drawn += 1;
+        }
         let pictures = self.pictures.get_or_insert_with(|| {
             let blocks = UNDERSIDE_SIDE / BLOCK;
             let texture = |label, size, format| {

@@ -101,9 +101,10 @@ impl SkyMap {
     /// Maps of a studio: objects reflect its lights, and are seen before its background.
     pub(crate) fn studio(studio: &Studio) -> Self {
         let scale = studio::scale(studio);
-        let white = |light: fn(DVec3) -> f64| move |direction| DVec3::splat(scale * light(direction));
-        let seen = Octahedral::mirrored(SEEN_SIDE, white(studio::background));
-        Self { sun: studio.key.as_dvec3(), seen, ..Self::of_light(&white(studio::light), false) }
+        let white = |radiance: f64| DVec3::splat(scale * radiance);
+        let seen = Octahedral::mirrored(SEEN_SIDE, |direction| white(studio::background(direction.z)));
+        let light = |direction: DVec3| white(studio::light(direction));
+        Self { sun: studio.key.as_dvec3(), seen, ..Self::of_light(&light, false) }
     }
 
     /// Maps of light from all directions, without a sun.

@@ -11,6 +11,9 @@ mod table;
 
 pub(crate) use gpu::{SkyGpu, SkyLight};
 pub use maps::SkyMaps;
+#[cfg(test)]
+pub(crate) use studio::background as studio_background;
+#[cfg(any(test, feature = "client"))]
 pub(crate) use studio::white as studio_white;
 #[cfg(test)]
 pub(crate) use octahedral::Octahedral;

@@ -7,6 +7,7 @@ use super::map::luminance;
 use crate::scene::environment::Studio;
 
 /// Radiance of a white diffuse surface that faces the key light, from all lights.
+#[cfg(any(test, feature = "client"))]
 const WHITE: f64 = 1.675;
 
 /// A soft box: direction of its middle, cosines at which it begins to fade and has faded, radiance.
@@ -27,6 +28,7 @@ pub(super) fn scale(studio: &Studio) -> f64 {
 }
 
 /// Radiance of a white diffuse surface that faces the key light.
+#[cfg(any(test, feature = "client"))]
 pub(crate) fn white(studio: &Studio) -> f32 {
     (WHITE * scale(studio)) as f32
 }
@@ -43,9 +45,10 @@ pub(super) fn light(direction: DVec3) -> f64 {
 }
 
 /// Radiance of the background: darker upwards, without a horizon.
-pub(super) fn background(direction: DVec3) -> f64 {
+/// Takes the direction's part along the axis up.
+pub(crate) fn background(up: f64) -> f64 {
     let (low, high) = (0.56, 0.20);
-    low + (high - low) * smooth(-0.9, 0.9, direction.z)
+    low + (high - low) * smooth(-0.9, 0.9, up)
 }
 
 /// Hermite's step between two values.
