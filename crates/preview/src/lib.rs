@@ -20,7 +20,8 @@ use lodestream_geometry::DecodeError;
 use lodestream_geometry::refine::ActiveMesh;
 use lodestream_scene::asset::{AssetDescription, DescriptionError};
 use lodestream_scene::blob::BlobPart;
-use lodestream_scene::description::{AssetEntry, Instance, SceneHeader, ScenePage, Surroundings};
+use lodestream_scene::description::{AssetEntry, Instance, SceneHeader, ScenePage};
+use lodestream_scene::surroundings::Surroundings;
 use serde_json::{Value, json};
 
 use crate::mesh::PreviewMesh;

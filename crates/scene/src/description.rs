@@ -70,39 +70,6 @@ encode_fields!(SceneHeader {
 pub const DEFAULT_AMBIENT: [f32; 3] = [0.25; 3];
 /// Background of scenes that specify none, linear RGB.
 pub const DEFAULT_BACKGROUND: [f32; 3] = [0.35, 0.45, 0.6];
-/// Background that together with [`STUDIO_AMBIENT`] stands for a studio. A renderer without studios shows a grey sky.
-pub const STUDIO_BACKGROUND: [f32; 3] = [0.25; 3];
-/// Ambient light of a studio: as bright as that grey sky's horizon, which is not seen then.
-pub const STUDIO_AMBIENT: [f32; 3] = [0.325; 3];
-/// Unit vector towards the key light of a studio that states none: from the upper left of the start camera of models.
-pub const STUDIO_LIGHT: [f32; 3] = [-0.390_562_8, 0.737_729_7, 0.550_650_1];
-
-/// What surrounds the models of a scene.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Surroundings {
-    /// A sky with a sun, and haze over terrain.
-    Sky,
-    /// A grey background, soft light from all sides, and ground that shows shadows only.
-    Studio,
-    /// The background and ambient light that the header states.
-    Colors,
-}
-
-impl SceneHeader {
-    /// What surrounds the models: the colours that the header states, unless they are a pair that stands for more.
-    /// Scenes with terrain have no studio.
-    #[must_use]
-    pub fn surroundings(&self) -> Surroundings {
-        let colors = (self.background, self.light.ambient);
-        if colors == (DEFAULT_BACKGROUND, DEFAULT_AMBIENT) {
-            Surroundings::Sky
-        } else if colors == (STUDIO_BACKGROUND, STUDIO_AMBIENT) && self.terrain.is_none() {
-            Surroundings::Studio
-        } else {
-            Surroundings::Colors
-        }
-    }
-}
 
 /// The light of a scene without its punctual lights: one directional light and a uniform ambient one, linear RGB.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -477,33 +444,6 @@ mod tests {
         assert!(with(|p| p.assets[0].shared = vec![SharedTexture { texture: 0, asset: 1, of: 0 }]).is_err());
         assert!(with(|p| p.first_asset = u32::MAX).is_err());
         assert!(with(|p| p.instances = vec![Instance::at(0, [0.0; 3]); 65]).is_err());
-    }
-
-    #[test]
-    fn surroundings_are_a_pair_of_colors() {
-        let light = |ambient| SceneLighting { direction: STUDIO_LIGHT, color: [1.0; 3], ambient };
-        let of = |background, ambient| {
-            let camera = Camera { eye: [0.0; 3], target: [1.0; 3], up: [0.0, 1.0, 0.0], fov_y: 1.0 };
-            let header = SceneHeader {
-                name: String::new(),
-                fingerprint: Fingerprint::default(),
-                asset_count: 0,
-                instance_count: 0,
-                page_count: 0,
-                light: light(ambient),
-                background,
-                terrain: None,
-                camera,
-                root_slope: 0.0,
-            };
-            header.check().unwrap();
-            header.surroundings()
-        };
-        assert_eq!(of(DEFAULT_BACKGROUND, DEFAULT_AMBIENT), Surroundings::Sky);
-        assert_eq!(of(STUDIO_BACKGROUND, STUDIO_AMBIENT), Surroundings::Studio);
-        assert_eq!(of(STUDIO_BACKGROUND, DEFAULT_AMBIENT), Surroundings::Colors);
-        assert_eq!(of([1.0; 3], [0.0; 3]), Surroundings::Colors);
-        assert!((Vec3::from(STUDIO_LIGHT).length() - 1.0).abs() < 1e-6);
     }
 
     #[test]

@@ -17,6 +17,7 @@ use toml::Spanned;
 use super::model::{Asset, DEFAULT_FOV_Y_DEGREES, Scene, unit};
 use super::names::UniqueNames;
 use super::punctual_light::RawPunctualLight;
+use super::surroundings;
 use super::terrain::{RawTerrain, SceneTerrain};
 
 /// Largest scene file, in bytes.
@@ -279,7 +280,8 @@ impl Source<'_> {
         }
         if let Some(surroundings) = &raw.surroundings {
             let colored = raw.ambient.is_some() || raw.background.is_some();
-            self.surroundings(&mut scene, surroundings, colored)?;
+            surroundings::set(&mut scene, surroundings.get_ref(), colored)
+                .map_err(|why| self.error(surroundings.span().start, why))?;
         }
         self.lights(&mut scene, raw.light, raw.ambient, raw.background)?;
         scene.proxies = raw.proxies.unwrap_or(true);
@@ -407,25 +409,6 @@ impl Source<'_> {
         raw.resolve(features).map_err(|why| self.error(at, format!("terrain: {why}")))
     }
 
-    /// `colored` where the file states colours of its own.
-    fn surroundings(&self, scene: &mut Scene, raw: &Spanned<String>, colored: bool) -> Result<(), SceneError> {
-        let error = |what: String| Err(self.error(raw.span().start, what));
-        match raw.get_ref().as_str() {
-            "sky" => Ok(()),
-            "studio" if scene.terrain.is_some() => {
-                error("a scene with [terrain] has a sky; remove surroundings = \"studio\"".into())
-            }
-            "studio" if colored => {
-                error("a studio has its own colors; remove [ambient] and [background], or surroundings".into())
-            }
-            "studio" => {
-                scene.set_studio();
-                Ok(())
-            }
-            other => error(format!("surroundings are {other:?}; write \"sky\" or \"studio\"")),
-        }
-    }
-
     fn lights(
         &self,
         scene: &mut Scene,
@@ -509,10 +492,6 @@ fn normalised(q: [f64; 4]) -> [f32; 4] {
 
 #[cfg(test)]
 mod tests {
-    use lodestream_scene::description::{
-        DEFAULT_AMBIENT, DEFAULT_BACKGROUND, STUDIO_AMBIENT, STUDIO_BACKGROUND, STUDIO_LIGHT,
-    };
-
     use super::*;
 
     const FULL: &str = r#"
@@ -570,35 +549,6 @@ fov_y_degrees = 60
         assert_eq!(scene.light_color, [2.0, 1.0, 0.5]);
         assert_eq!(scene.ambient, [0.5; 3]);
         assert_eq!(scene.camera.unwrap().fov_y, 60_f32.to_radians());
-    }
-
-    const STUDIO: &str = "[[asset]]\nname = \"a\"\nfile = \"a.obj\"\n";
-
-    #[test]
-    fn surroundings_are_the_sky_unless_a_studio_is_asked_for() {
-        let parsed = |first: &str, last: &str| parse(Path::new("s.toml"), &format!("{first}\n{STUDIO}{last}"));
-        let sky = parsed("", "").unwrap();
-        assert_eq!((sky.background, sky.ambient), (DEFAULT_BACKGROUND, DEFAULT_AMBIENT));
-        assert_eq!(parsed("surroundings = \"sky\"", "").unwrap(), sky);
-        let studio = parsed("surroundings = \"studio\"", "").unwrap();
-        let alone = Scene::of_models(&["a.obj".into()]).unwrap();
-        assert_eq!((studio.background, studio.ambient), (STUDIO_BACKGROUND, STUDIO_AMBIENT));
-        assert_eq!((alone.background, alone.ambient), (STUDIO_BACKGROUND, STUDIO_AMBIENT));
-        assert_eq!((studio.light_direction, alone.light_direction), (STUDIO_LIGHT, STUDIO_LIGHT));
-        let lit = parsed("surroundings = \"studio\"", "[light]\ndirection = [0, 1, 0]").unwrap();
-        assert_eq!((lit.background, lit.light_direction), (STUDIO_BACKGROUND, [0.0, 1.0, 0.0]));
-    }
-
-    #[test]
-    fn surroundings_that_cannot_be_are_refused() {
-        let refused = |first: &str, last: &str, words: &str| {
-            let text = format!("{first}\n{STUDIO}{last}");
-            let error = parse(Path::new("s.toml"), &text).unwrap_err().to_string();
-            assert!(error.contains(words) && error.contains("s.toml:1:"), "{error}");
-        };
-        refused("surroundings = \"cave\"", "", "write \"sky\" or \"studio\"");
-        refused("surroundings = \"studio\"", "[background]\ncolor = [1, 0, 0]", "a studio has its own colors");
-        refused("surroundings = \"studio\"", "[terrain]\nseed = 1", "a scene with [terrain] has a sky");
     }
 
     #[test]

@@ -10,11 +10,10 @@ use crate::stderr::write_line;
 use lodestream_geometry::Settings;
 use lodestream_import::gltf::{self, CopyTolerance};
 use lodestream_import::{ImportError, Part, is_gltf};
-use lodestream_scene::description::{
-    Camera, DEFAULT_AMBIENT, DEFAULT_BACKGROUND, Instance, STUDIO_AMBIENT, STUDIO_BACKGROUND, STUDIO_LIGHT,
-};
+use lodestream_scene::description::{Camera, DEFAULT_AMBIENT, DEFAULT_BACKGROUND, Instance};
 use lodestream_scene::placement::Placement;
 use lodestream_scene::punctual_lights::PunctualLight;
+use lodestream_scene::surroundings::{STUDIO_AMBIENT, STUDIO_BACKGROUND, STUDIO_LIGHT};
 
 use super::batches::{self, Batch};
 use super::names::UniqueNames;
@@ -269,7 +268,7 @@ impl Scene {
     }
 
     /// Puts the scene into a studio, lit from the default side.
-    pub fn set_studio(&mut self) {
+    pub(super) fn set_studio(&mut self) {
         (self.background, self.ambient) = (STUDIO_BACKGROUND, STUDIO_AMBIENT);
         self.light_direction = STUDIO_LIGHT;
     }

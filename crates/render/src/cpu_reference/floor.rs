@@ -104,8 +104,7 @@ impl Floor {
         let [width, rows] = self.size.map(|side| side as f64);
         let from_middle = DVec2::new((x as f64 + 0.5) / width, (y as f64 + 0.5) / rows) * 2.0 - 1.0;
         let [mx, my, hx, hy] = Self::single(self.block.picture);
-        let at =
-            DVec3::new(mx + from_middle.x * hx, my + from_middle.y * hy, self.down_of(lowest));
+        let at = DVec3::new(mx + from_middle.x * hx, my + from_middle.y * hy, self.down_of(lowest));
         let turn = ((y % 4) * 4 + x % 4) as f64 * std::f64::consts::TAU / 16.0;
         let open = [0, 1].map(|i| 1.0 - HIDDEN[i] * self.nearness(at, turn, REACH[i], HEIGHT[i]));
         let t = ((from_middle.abs().max_element() - 0.8) / 0.2).clamp(0.0, 1.0);

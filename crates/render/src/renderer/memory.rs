@@ -20,7 +20,10 @@ impl Renderer {
             self.targets.bytes() + self.temporal.bytes() + self.bloom.bytes() + self.tracer.bytes();
         #[cfg(any(test, feature = "methods"))]
         let pictures = pictures + self.layers.bytes();
-        pictures + self.shadow_maps.bytes() + self.sky.bytes() + self.floor.as_ref().map_or(0, FloorPass::bytes)
+        pictures
+            + self.shadow_maps.bytes()
+            + self.sky.bytes()
+            + self.floor.as_ref().map_or(0, FloorPass::bytes)
     }
 
     /// Memory of all meshes in bytes, with what is free in their shared pages.

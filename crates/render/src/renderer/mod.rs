@@ -173,7 +173,8 @@ impl Renderer {
         self.target_format
     }
 
-    /// A compiler for the pipelines that frames with these settings need, optionally with terrain (`ground`).
+    /// A compiler for the pipelines that frames with these settings need, optionally with terrain or the ground of a
+    /// studio (`ground`).
     #[must_use]
     pub fn compiler(&self, gpu: &Gpu, settings: &Settings, ground: bool) -> Compiler {
         Compiler::new(gpu, &self.pipelines, settings, ground)

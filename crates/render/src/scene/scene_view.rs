@@ -9,10 +9,11 @@ use glam::{DVec3, Vec3};
 use lodestream_client::core::{Change, NewAsset, TextureChange};
 use lodestream_scene::asset::tile_place;
 use lodestream_scene::blob::Tile;
-use lodestream_scene::description::{SceneHeader, Surroundings};
+use lodestream_scene::description::SceneHeader;
 use lodestream_scene::placement::Placement;
 use lodestream_scene::pose::Pose;
 use lodestream_scene::punctual_lights::PunctualLight;
+use lodestream_scene::surroundings::Surroundings;
 use lodestream_scene::view::View;
 use lodestream_threads::Task;
 
@@ -646,9 +647,7 @@ fn exposure(environment: &Environment, punctual_lights: bool) -> f32 {
     let (white, lit) = match &environment.sky {
         Sky::Studio(studio) => (STUDIO_WHITE, studio_white(studio)),
         Sky::Atmosphere(air) => (SUNLIT_WHITE, air.brightness),
-        Sky::Plain(plain) => {
-            (SUNLIT_WHITE, luminance(plain.sun + 0.5 * (plain.zenith + plain.horizon)))
-        }
+        Sky::Plain(plain) => (SUNLIT_WHITE, luminance(plain.sun + 0.5 * (plain.zenith + plain.horizon))),
     };
     let lit = if punctual_lights { lit.max(LAMPLIT_WHITE) } else { lit };
     if lit > 0.0 { (white / lit).clamp(1e-3, 1e3) } else { 1.0 }

@@ -24,7 +24,8 @@ fn camera() -> Pose {
 }
 
 fn settings() -> Settings {
-    Settings { anti_aliasing: AntiAliasing::None, dither: false, ..Settings::default() }
+    // As scenes in a studio are exposed.
+    Settings { exposure: 0.776, anti_aliasing: AntiAliasing::None, dither: false, ..Settings::default() }
 }
 
 fn studio(ground: bool) -> Environment {
@@ -97,8 +98,7 @@ fn three_sides_of_a_white_box_differ_and_none_is_black_or_clipped() {
 fn the_background_is_its_gradient_and_stays_it_far_from_objects() {
     let Some(mut h) = headless(SIZE.0, SIZE.1) else { return };
     let camera = camera();
-    let [with, without] =
-        [true, false].map(|ground| radiance(&mut h, camera, studio(ground), &placements()));
+    let [with, without] = [true, false].map(|ground| radiance(&mut h, camera, studio(ground), &placements()));
     let (width, rows) = (SIZE.0 as usize, SIZE.1 as usize);
     for i in [0, width - 1, (rows - 1) * width, rows * width - 1] {
         let want = studio_background(ray(&camera, i).y);
@@ -112,8 +112,7 @@ fn the_background_is_its_gradient_and_stays_it_far_from_objects() {
 fn shadows_lie_on_the_ground_and_fade_out() {
     let Some(mut h) = headless(SIZE.0, SIZE.1) else { return };
     let camera = camera();
-    let [with, without] =
-        [true, false].map(|ground| radiance(&mut h, camera, studio(ground), &placements()));
+    let [with, without] = [true, false].map(|ground| radiance(&mut h, camera, studio(ground), &placements()));
     let share = |x: f64, z: f64| {
         let i = pixel(&camera, DVec3::new(x, 0.0, z));
         with[i].x / without[i].x
@@ -129,8 +128,7 @@ fn shadows_lie_on_the_ground_and_fade_out() {
 fn from_below_the_ground_is_not_there() {
     let Some(mut h) = headless(SIZE.0, SIZE.1) else { return };
     let below = Pose::look_at(DVec3::new(1.5, -1.0, 1.9), DVec3::new(0.0, 0.5, 0.0), DVec3::Y, 0.9);
-    let [with, without] =
-        [true, false].map(|ground| radiance(&mut h, below, studio(ground), &placements()));
+    let [with, without] = [true, false].map(|ground| radiance(&mut h, below, studio(ground), &placements()));
     assert_eq!(with, without);
 }
 
@@ -163,8 +161,7 @@ fn the_ground_matches_its_cpu_reference_at_any_size_and_place() {
         });
         let eye = camera();
         let camera = Pose { eye: offset + eye.eye * scale, ..eye };
-        let [without, with] =
-            [false, true].map(|ground| radiance(&mut h, camera, studio(ground), &placed));
+        let [without, with] = [false, true].map(|ground| radiance(&mut h, camera, studio(ground), &placed));
         let pass = h.renderer().floor().unwrap();
         let (maps, picture, block) = pass.drawn().unwrap();
         let [undersides, key] = maps.map(|map| DepthMap {
@@ -175,14 +172,15 @@ fn the_ground_matches_its_cpu_reference_at_any_size_and_place() {
         let size = [picture.width() as usize, picture.height() as usize];
         let floor = Floor { block, undersides, key, size };
         let want = floor.picture();
-        // Samples at the edges of texels fall to either side: single ones of 16 × 24 differ.
+        // Samples at the edges of texels fall to either side: single ones of 16 × 24 may differ.
         let off = got.chunks_exact(2).zip(&want).map(|(got, want)| {
             (DVec2::new(got[0].into(), got[1].into()) / 255.0 - *want).abs().max_element()
         });
         let off: Vec<f64> = off.collect();
-        let (mean, worst) = (off.iter().sum::<f64>() / off.len() as f64, off.iter().copied().fold(0.0, f64::max));
+        let (mean, worst) =
+            (off.iter().sum::<f64>() / off.len() as f64, off.iter().copied().fold(0.0, f64::max));
         println!("scale {scale}: mean {mean:.5}, worst {worst:.4}");
-        assert!(mean < 2e-3 && worst < 0.05, "{mean} {worst}");
+        assert!(mean < 1e-3 && worst < 0.02, "{mean} {worst}");
         let (mut dark, mut far) = (0, 0.0f64);
         for (i, (with, without)) in with.iter().zip(&without).enumerate() {
             let share = with.x / without.x;
@@ -193,8 +191,17 @@ fn the_ground_matches_its_cpu_reference_at_any_size_and_place() {
             far = far.max((share - floor.factor(ray(&camera, i), &want)).abs());
         }
         println!("{dark} pixels darkened, worst {far:.4}");
-        assert!(dark > 5000 && far < 0.04, "{dark} {far}");
+        assert!(dark > 5000 && far < 0.01, "{dark} {far}");
     }
+}
+
+#[test]
+fn the_pipelines_of_the_ground_are_compiled_ahead() {
+    let Some(mut h) = headless(SIZE.0, SIZE.1) else { return };
+    h.renderer().compiler(h.gpu(), &settings(), true).compile();
+    let compiled = h.gpu().compiled_pipelines();
+    radiance(&mut h, camera(), studio(true), &placements());
+    assert_eq!(h.gpu().compiled_pipelines(), compiled);
 }
 
 #[test]
@@ -205,7 +212,8 @@ fn the_ground_is_drawn_anew_only_when_objects_change() {
     let mut draw = |camera: Pose, place: Placement| {
         let instances = [place];
         let drawables = [Drawable { asset: &shape, instances: &instances }];
-        let frame = Frame { environment: studio(true), settings: settings(), ..Frame::new(camera, &drawables) };
+        let frame =
+            Frame { environment: studio(true), settings: settings(), ..Frame::new(camera, &drawables) };
         let counters = h.frame(&frame).unwrap();
         assert!(counters.passes.contains(&PassId::Floor));
         h.renderer().floor().unwrap().pictures_drawn

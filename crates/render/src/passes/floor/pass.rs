@@ -15,7 +15,9 @@ use crate::frame::timing::PassEncoder;
 use crate::frame::uniforms::FrameUniform;
 use crate::passes::gbuffer::shader;
 use crate::passes::shadows::{Casters, ShadowMaps, Sun};
-use crate::resources::descriptors::{DRAWN_AND_SAMPLED, blend, texture_2d, texture_bytes, uniform_buffer, wgsl};
+use crate::resources::descriptors::{
+    DRAWN_AND_SAMPLED, blend, texture_2d, texture_bytes, uniform_buffer, wgsl,
+};
 use crate::resources::gpu::Gpu;
 
 const LOWEST: &str = wgsl!("fullscreen", "floor_lowest");
@@ -43,9 +45,13 @@ pub(crate) struct FloorPipelines {
 impl FloorPipelines {
     pub(crate) fn new(gpu: &Gpu) -> Self {
         use wgpu::{BlendFactor, BlendOperation};
-        let [lowest, picture, smooth, shown] =
-            [("floor lowest", LOWEST), ("floor picture", PICTURE), ("floor smooth", SMOOTH), ("floor", SHOWN)]
-                .map(|(label, text)| shader(gpu, label, text));
+        let [lowest, picture, smooth, shown] = [
+            ("floor lowest", LOWEST),
+            ("floor picture", PICTURE),
+            ("floor smooth", SMOOTH),
+            ("floor", SHOWN),
+        ]
+        .map(|(label, text)| shader(gpu, label, text));
         let constants = [("WIDTH", f64::from(SIZE.0)), ("ROWS", f64::from(SIZE.1))];
         // By multiplication; alpha, which marks surfaces, is multiplied by 1.
         let darkened = Some(blend(BlendFactor::Dst, BlendFactor::Zero, BlendOperation::Add));
@@ -59,7 +65,13 @@ impl FloorPipelines {
                 (PICTURE_FORMAT.into(), None),
                 &constants,
             ),
-            smooth: pipeline(gpu, &smooth, ["vs_fullscreen", "fs_smooth"], (PICTURE_FORMAT.into(), None), &[]),
+            smooth: pipeline(
+                gpu,
+                &smooth,
+                ["vs_fullscreen", "fs_smooth"],
+                (PICTURE_FORMAT.into(), None),
+                &[],
+            ),
             shown: pipeline(gpu, &shown, ["vs_floor", "fs_shown"], (darkened, None), &[]),
             sampler: gpu.device.create_sampler(&wgpu::SamplerDescriptor {
                 label: Some("floor"),
@@ -74,6 +86,7 @@ impl FloorPipelines {
 /// The maps of one frame.
 pub(crate) struct FloorMaps<'a> {
     place: &'a FloorPlace,
+    shadows: [Shadows; 2],
     /// Of undersides, and of the key light; each of one map.
     pub(crate) casters: [Vec<Casters<'a>>; 2],
     redrawn: [Vec<bool>; 2],
@@ -134,12 +147,14 @@ impl FloorPass {
         &mut self,
         gpu: &Gpu,
         place: &'a FloorPlace,
+        shadows: [Shadows; 2],
         (frame, placed): (&Frame<'_>, &PlacedInstances),
         counters: &mut Counters,
     ) -> FloorMaps<'a> {
-        let mut found = FloorMaps { place, casters: Default::default(), redrawn: Default::default() };
+        let (casters, redrawn) = Default::default();
+        let mut found = FloorMaps { place, shadows: shadows(frame), casters, redrawn };
         for (i, maps) in self.maps.iter_mut().enumerate() {
-            let shadows = shadows(i);
+            let shadows = found.shadows[i];
             let casters = maps.casters((&place.cascades[i..=i], shadows.map_side), frame, placed);
             found.redrawn[i] = maps.begin(gpu, shadows, &casters, None, counters);
             found.casters[i] = casters;
@@ -158,11 +173,11 @@ impl FloorPass {
     ) {
         for (i, maps) in self.maps.iter_mut().enumerate() {
             let (cascades, redrawn) = (&found.casters[i][..], &found.redrawn[i][..]);
-            let sun = Sun { shadows: shadows(i), cascades, redrawn, frame, eye, sunken };
+            let sun = Sun { shadows: found.shadows[i], cascades, redrawn, frame, eye, sunken };
             maps.record(gpu, encoder, &sun, (meshes, eye_frame), |_, _| 0, counters);
         }
-        let top = |i: usize| found.casters[i].first().map_or(0.0, |casters| casters.top);
-        let uniform = found.place.uniform([top(0), top(1)], eye);
+        let tops = self.maps.each_ref().map(|maps| maps.top().unwrap_or_default());
+        let uniform = found.place.uniform(tops, eye);
         gpu.queue.write_buffer(&self.uniform, 0, bytemuck::bytes_of(&uniform));
         #[cfg(test)]
         {
@@ -220,7 +235,8 @@ impl FloorPass {
         (depth, into): (&wgpu::TextureView, &wgpu::TextureView),
     ) {
         let Some(pictures) = &self.pictures else { return };
-        let [lowest, _, picture] = pictures.each_ref().map(|texture| texture.create_view(&Default::default()));
+        let [lowest, _, picture] =
+            pictures.each_ref().map(|texture| texture.create_view(&Default::default()));
         let entry = |binding, resource| wgpu::BindGroupEntry { binding, resource };
         let entries = [
             entry(0, frame.as_entire_binding()),
@@ -248,7 +264,8 @@ fn bind_group(
     })
 }
 
-/// Settings of the map of undersides (0) and of that of the key light (1).
-fn shadows(i: usize) -> Shadows {
-    Shadows { cascades: 1, map_side: [UNDERSIDE_SIDE, KEY_SIDE][i], ..Shadows::default() }
+/// Settings of the map of undersides and of that of the key light: as late as the frame's.
+fn shadows(frame: &Frame<'_>) -> [Shadows; 2] {
+    let of_frame = frame.settings.shadows.unwrap_or_default();
+    [UNDERSIDE_SIDE, KEY_SIDE].map(|map_side| Shadows { cascades: 1, map_side, ..of_frame })
 }

@@ -59,13 +59,7 @@ impl FloorPlace {
         let cascade = |axes: DMat3| {
             // Rounding must not leave a surface outside.
             let reach = 1.01 * radius;
-            Cascade {
-                axes,
-                centre: axes.transpose() * centre,
-                side: 2.0 * reach,
-                above: reach,
-                below: reach,
-            }
+            Cascade { axes, centre: axes.transpose() * centre, side: 2.0 * reach, above: reach, below: reach }
         };
         let (x, y) = to_key.any_orthonormal_pair();
         let height = to_key.dot(up);
@@ -91,7 +85,8 @@ impl FloorPlace {
         // From the ground's axes about the middle of the objects.
         let turned = DMat4::from_mat3(underside.axes);
         let middle = underside.axes * underside.centre;
-        let range = [1.0 / underside.side, underside_top + underside.below, underside.below, key_top + key.below];
+        let range =
+            [1.0 / underside.side, underside_top + underside.below, underside.below, key_top + key.below];
         let picture = [self.middle.x, self.middle.y, self.half.x, self.half.y];
         let single = |all: [f64; 4]| all.map(|x| x as f32);
         FloorUniform {

@@ -102,6 +102,11 @@ impl ShadowMaps {
         self.texture.as_ref().map_or(0, texture_bytes)
     }
 
+    /// Height of the highest caster above the middle of the first map, as it was drawn.
+    pub(crate) fn top(&self) -> Option<f64> {
+        Some(self.drawn.first()?.as_ref()?.top)
+    }
+
     /// All layers, once there are some.
     pub(crate) fn view(&self) -> Option<wgpu::TextureView> {
         let dimension = Some(wgpu::TextureViewDimension::D2Array);
