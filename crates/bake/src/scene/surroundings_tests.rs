@@ -33,7 +33,7 @@ fn surroundings_that_cannot_be_are_refused() {
     for (word, rest, words) in [
         ("cave", "", "write \"sky\" or \"studio\""),
         ("studio", "[background]\ncolor = [1, 0, 0]", "a studio has its own colors"),
-        ("studio", "[terrain]\nseed = 1", "a scene with [terrain] has a sky"),
+        ("studio", "[terrain]\namplitude = 10.0", "a scene with [terrain] has a sky"),
     ] {
         let error = parsed(&format!("surroundings = {word:?}"), rest).unwrap_err().to_string();
         assert!(error.contains(words) && error.contains("s.toml:1:"), "{error}");

@@ -147,7 +147,6 @@ impl FloorPass {
         &mut self,
         gpu: &Gpu,
         place: &'a FloorPlace,
-        shadows: [Shadows; 2],
         (frame, placed): (&Frame<'_>, &PlacedInstances),
         counters: &mut Counters,
     ) -> FloorMaps<'a> {
