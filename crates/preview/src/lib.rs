@@ -21,6 +21,7 @@ use lodestream_geometry::refine::ActiveMesh;
 use lodestream_scene::asset::{AssetDescription, DescriptionError};
 use lodestream_scene::blob::BlobPart;
 use lodestream_scene::description::{AssetEntry, Instance, SceneHeader, ScenePage};
+use lodestream_scene::surroundings::Surroundings;
 use serde_json::{Value, json};
 
 use crate::mesh::PreviewMesh;
@@ -125,8 +126,8 @@ pub fn encode<E: From<PreviewError>>(
         "version": VERSION,
         "camera": camera,
         "sun": { "direction": light.direction, "color": light.color },
-        // A scene that states neither has an atmosphere.
-        "sky": header.states_sky().then(|| json!({ "background": header.background, "ambient": light.ambient })),
+        // The colours of a studio are those of its background.
+        "sky": (header.surroundings() != Surroundings::Sky).then(|| json!({ "background": header.background, "ambient": light.ambient })),
         "meshes": meshes,
         "instances": instances,
         "ground": ground,

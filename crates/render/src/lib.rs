@@ -78,7 +78,7 @@ pub use resources::texture_tiles::TextureTileUse;
 pub use resources::vertex::mark_smooth;
 pub use resources::vertex::{HostMesh, MAX_PARTS, PackedVertex};
 pub use scene::asset::AssetGpu;
-pub use scene::environment::{Atmosphere, Environment, GradientSky, Haze, Sky};
+pub use scene::environment::{Atmosphere, Environment, GradientSky, Haze, Sky, Studio};
 #[cfg(feature = "client")]
 pub use scene::held_texels::Texels;
 pub use scene::lights::{LIGHT_TILES, LightCulling, MAX_LIGHTS};

@@ -42,8 +42,7 @@ pub struct SceneHeader {
     pub page_count: u32,
     /// Directional and ambient light.
     pub light: SceneLighting,
-    /// Background, linear RGB. With [`DEFAULT_BACKGROUND`] and [`DEFAULT_AMBIENT`] the renderer chooses, for example an
-    /// atmosphere.
+    /// Background, linear RGB. Some pairs of background and ambient light stand for more: [`SceneHeader::surroundings`].
     pub background: [f32; 3],
     /// The terrain, if the scene has one.
     pub terrain: Option<Box<TerrainEntry>>,
@@ -71,14 +70,6 @@ encode_fields!(SceneHeader {
 pub const DEFAULT_AMBIENT: [f32; 3] = [0.25; 3];
 /// Background of scenes that specify none, linear RGB.
 pub const DEFAULT_BACKGROUND: [f32; 3] = [0.35, 0.45, 0.6];
-
-impl SceneHeader {
-    /// Whether the scene specifies ambient light or background.
-    #[must_use]
-    pub fn states_sky(&self) -> bool {
-        self.light.ambient != DEFAULT_AMBIENT || self.background != DEFAULT_BACKGROUND
-    }
-}
 
 /// The light of a scene without its punctual lights: one directional light and a uniform ambient one, linear RGB.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -41,6 +41,7 @@ pub mod proxy;
 pub mod published;
 pub mod punctual_lights;
 pub mod shared;
+pub mod surroundings;
 pub mod terrain;
 pub mod view;
 

@@ -98,7 +98,7 @@ impl Device {
         }
         surface.configure(&gpu.device, &config);
         let renderer = Renderer::without_pipelines(&gpu, config.format)?;
-        // Compiled with terrain: most scenes have it, and it is known only once the header arrives.
+        // Compiled with ground: most scenes have one, and it is known only once the header arrives.
         let [first, later] = settings(&gpu).map(|all| {
             all.iter().map(|settings| renderer.compiler(&gpu, settings, true)).collect::<Vec<_>>()
         });

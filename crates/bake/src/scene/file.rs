@@ -17,6 +17,7 @@ use toml::Spanned;
 use super::model::{Asset, DEFAULT_FOV_Y_DEGREES, Scene, unit};
 use super::names::UniqueNames;
 use super::punctual_light::RawPunctualLight;
+use super::surroundings;
 use super::terrain::{RawTerrain, SceneTerrain};
 
 /// Largest scene file, in bytes.
@@ -57,6 +58,7 @@ struct RawScene {
     #[serde(default)]
     asset: Vec<Spanned<RawAsset>>,
     instance: Option<Vec<Spanned<RawInstance>>>,
+    surroundings: Option<Spanned<String>>,
     light: Option<Spanned<RawLight>>,
     ambient: Option<Spanned<RawColor>>,
     background: Option<Spanned<RawColor>>,
@@ -275,6 +277,11 @@ impl Source<'_> {
             scene
                 .punctual_lights
                 .extend(punctual_light.map_err(|why| self.error(at, format!("punctual light: {why}")))?);
+        }
+        if let Some(surroundings) = &raw.surroundings {
+            let colored = raw.ambient.is_some() || raw.background.is_some();
+            surroundings::set(&mut scene, surroundings.get_ref(), colored)
+                .map_err(|why| self.error(surroundings.span().start, why))?;
         }
         self.lights(&mut scene, raw.light, raw.ambient, raw.background)?;
         scene.proxies = raw.proxies.unwrap_or(true);

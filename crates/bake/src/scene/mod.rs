@@ -12,6 +12,9 @@ mod names;
 mod part_names;
 mod punctual_light;
 mod split;
+mod surroundings;
+#[cfg(test)]
+mod surroundings_tests;
 mod terrain;
 #[cfg(test)]
 mod tests;

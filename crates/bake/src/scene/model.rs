@@ -13,6 +13,7 @@ use lodestream_import::{ImportError, Part, is_gltf};
 use lodestream_scene::description::{Camera, DEFAULT_AMBIENT, DEFAULT_BACKGROUND, Instance};
 use lodestream_scene::placement::Placement;
 use lodestream_scene::punctual_lights::PunctualLight;
+use lodestream_scene::surroundings::{STUDIO_AMBIENT, STUDIO_BACKGROUND, STUDIO_LIGHT};
 
 use super::batches::{self, Batch};
 use super::names::UniqueNames;
@@ -142,7 +143,7 @@ pub struct Scene {
 }
 
 impl Scene {
-    /// A scene of some models, side by side.
+    /// A scene of some models, side by side, in a studio.
     ///
     /// # Errors
     /// A glTF file that cannot be read: its meshes become assets, so they must be known.
@@ -157,6 +158,7 @@ impl Scene {
         sources: &Sources,
     ) -> Result<Self, ImportError> {
         let mut scene = Self::empty();
+        scene.set_studio();
         let mut names = UniqueNames::default();
         for file in files {
             let mut asset = Asset::of_file(file);
@@ -272,6 +274,13 @@ impl Scene {
         (instances, part_names)
     }
 
+    /// Puts the scene into a studio, lit from the default side.
+    pub(super) fn set_studio(&mut self) {
+        (self.background, self.ambient) = (STUDIO_BACKGROUND, STUDIO_AMBIENT);
+        self.light_direction = STUDIO_LIGHT;
+    }
+
+    /// A scene without models, under the sky.
     pub(crate) fn empty() -> Self {
         Self {
             name: "scene".to_owned(),

@@ -8,6 +8,8 @@ pub mod bloom;
 pub mod brdf;
 pub mod debug;
 pub mod depth;
+#[cfg(test)]
+pub(crate) mod floor;
 pub mod ink;
 pub mod lights;
 pub mod occlusion;

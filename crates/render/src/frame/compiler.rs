@@ -27,6 +27,8 @@ enum Task {
         relief: bool,
     },
     GroundCaster,
+    /// Ground of a studio.
+    Floor,
     FullscreenPass(FullscreenPass),
     Water {
         by_cells: Option<bool>,
@@ -98,6 +100,9 @@ impl Compiler {
             Task::GroundCaster => {
                 pipelines.terrain(gpu).caster(gpu);
             }
+            Task::Floor => {
+                pipelines.floor(gpu);
+            }
             Task::FullscreenPass(pass) => {
                 pipelines.fullscreen(gpu, pass);
             }
@@ -153,7 +158,7 @@ fn tasks(gpu: &Gpu, settings: &Settings, ground: bool) -> Vec<Task> {
     #[cfg(any(test, feature = "methods"))]
     also(settings.draws_ink(gpu), &[Task::Ink]);
     also(shadows, &[Task::FullscreenPass(FullscreenPass::Sunlight), Task::Caster]);
-    also(shadows && ground, &[Task::GroundCaster]);
+    also(shadows && ground, &[Task::GroundCaster, Task::Floor]);
     if let Some(ambient) = ambient {
         let normals = ambient.normals;
         let estimate = |method: OcclusionMethod, into| match method {

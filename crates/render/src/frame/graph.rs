@@ -22,6 +22,8 @@ pub enum PassId {
     Sunlight,
     /// Sun and ambient light on the surfaces, sky elsewhere.
     Lighting,
+    /// Shadows on the ground of a studio, over its background; its maps are redrawn when the objects change.
+    Floor,
     /// Sky alone, when there is no surface.
     Sky,
     /// Culls punctual lights by tile and adds their light.
@@ -75,6 +77,7 @@ impl PassId {
             Self::ShadowMaps => "shadow_maps",
             Self::Sunlight => "sunlight",
             Self::Lighting => "lighting",
+            Self::Floor => "floor",
             Self::Sky => "sky",
             Self::PunctualLights => "punctual_lights",
             Self::Emission => "emission",
@@ -172,6 +175,8 @@ pub(crate) struct Needs {
     /// Occlusion is accumulated over frames; `Some(true)` if all frames are done.
     pub(crate) still: Option<bool>,
     pub(crate) shadows: bool,
+    /// There is the ground of a studio.
+    pub(crate) floor: bool,
     pub(crate) punctual_lights: bool,
     pub(crate) emission: bool,
     /// Screen-space reflections; `Some(true)` with the depth pyramid.
@@ -245,6 +250,9 @@ pub(crate) fn candidates(needs: Needs) -> Vec<Pass> {
             (true, true) => &[Depth, Normal, Albedo, Occlusion, Sunlight],
         };
         passes.push(pass(PassId::Lighting, lit_by, &[Radiance]));
+        if needs.floor {
+            passes.push(pass(PassId::Floor, &[Depth, Radiance], &[Radiance]));
+        }
         if needs.punctual_lights {
             passes.push(pass(PassId::PunctualLights, &[Depth, Normal, Albedo, Radiance], &[Radiance]));
         }
@@ -494,6 +502,7 @@ mod tests {
                 depth: bit(3),
                 keep: bit(4),
                 shadows: bit(5),
+                floor: bit(5),
                 antialias: bit(6),
                 emission: bit(7),
                 transparency: bit(8),

@@ -5,6 +5,7 @@ use std::sync::{Arc, OnceLock};
 use crate::frame::fullscreen::fullscreen_pipeline;
 use crate::frame::targets::{DISPLAY, OCCLUSION, OCCLUSION_MEAN, RADIANCE, SUNLIGHT};
 use crate::passes::bloom::BloomPipelines;
+use crate::passes::floor::FloorPipelines;
 use crate::passes::gbuffer::{ADD, UNIFORM_BLOCK, shader};
 #[cfg(any(test, feature = "methods"))]
 use crate::passes::ink::InkPipelines;
@@ -200,6 +201,7 @@ pub(crate) struct Pipelines {
     /// Reflecting the sky only; and with screen-space reflections by linear and hierarchical search.
     water: [OnceLock<WaterPipelines>; 3],
     bloom: OnceLock<BloomPipelines>,
+    floor: OnceLock<FloorPipelines>,
     #[cfg(any(test, feature = "methods"))]
     ink: OnceLock<InkPipelines>,
     #[cfg(any(test, feature = "methods"))]
@@ -226,6 +228,7 @@ impl Pipelines {
             terrain: OnceLock::new(),
             water: Default::default(),
             bloom: OnceLock::new(),
+            floor: OnceLock::new(),
             #[cfg(any(test, feature = "methods"))]
             ink: OnceLock::new(),
             #[cfg(any(test, feature = "methods"))]
@@ -258,6 +261,11 @@ impl Pipelines {
     /// Pipelines of bloom.
     pub(crate) fn bloom(&self, gpu: &Gpu) -> &BloomPipelines {
         self.bloom.get_or_init(|| BloomPipelines::new(gpu))
+    }
+
+    /// Pipelines of a studio's ground.
+    pub(crate) fn floor(&self, gpu: &Gpu) -> &FloorPipelines {
+        self.floor.get_or_init(|| FloorPipelines::new(gpu))
     }
 
     #[cfg(any(test, feature = "methods"))]

@@ -2,6 +2,7 @@
 
 pub(crate) mod bloom;
 pub(crate) mod debug;
+pub(crate) mod floor;
 pub(crate) mod gbuffer;
 #[cfg(any(test, feature = "methods"))]
 pub(crate) mod ink;

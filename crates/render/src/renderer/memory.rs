@@ -5,6 +5,7 @@ use crate::frame::graph::{self, Needs, Resource};
 use crate::frame::settings::{AntiAliasing, Settings, Shadows};
 use crate::frame::targets::{DEPTH, RADIANCE, target_bytes};
 use crate::passes::bloom;
+use crate::passes::floor::FloorPass;
 #[cfg(any(test, feature = "methods"))]
 use crate::passes::occlusion_layers;
 use crate::passes::reflections::{self, ReflectionMethod};
@@ -12,14 +13,17 @@ use crate::resources::descriptors::texel_bytes;
 
 impl Renderer {
     /// Memory of the textures that frames are drawn through, in bytes: pictures between passes, histories, shadow maps
-    /// and sky maps. The caller's target is not in it.
+    /// sky maps, and those of a studio's ground. The caller's target is not in it.
     #[must_use]
     pub fn target_bytes(&self) -> u64 {
         let pictures =
             self.targets.bytes() + self.temporal.bytes() + self.bloom.bytes() + self.tracer.bytes();
         #[cfg(any(test, feature = "methods"))]
         let pictures = pictures + self.layers.bytes();
-        pictures + self.shadow_maps.bytes() + self.sky.bytes()
+        pictures
+            + self.shadow_maps.bytes()
+            + self.sky.bytes()
+            + self.floor.as_ref().map_or(0, FloorPass::bytes)
     }
 
     /// Memory of all meshes in bytes, with what is free in their shared pages.
@@ -31,7 +35,7 @@ impl Renderer {
 
 impl Settings {
     /// The most that [`Renderer::target_bytes`] can be in a target of a size without depth, whatever the scene has, sky
-    /// maps apart (of fixed size, less than a megabyte). For pictures, not for debug views.
+    /// maps and a studio's ground apart (of fixed size, less than a megabyte and two). For pictures, not for debug views.
     #[must_use]
     pub fn most_target_bytes(&self, size: (u32, u32)) -> u64 {
         let size = (drawn_side(size.0, self.render_scale), drawn_side(size.1, self.render_scale));

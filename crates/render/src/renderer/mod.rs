@@ -27,6 +27,7 @@ use crate::frame::timing::{PassEncoder, Timer, Timings};
 use crate::frame::uniforms::FrameUniform;
 use crate::passes::bloom::{Bloom, BloomPass};
 use crate::passes::debug::{self, DebugPipelines};
+use crate::passes::floor::{FloorPass, FloorPlace};
 #[cfg(any(test, feature = "methods"))]
 use crate::passes::ink::{InkPass, StrokeInputs};
 use crate::passes::occlusion::OcclusionNormals;
@@ -76,6 +77,8 @@ pub struct Renderer {
     patches: PatchLists,
     tiles: GrowingBuffer<TileRaw>,
     shadow_maps: ShadowMaps,
+    /// Once a frame has had a studio.
+    floor: Option<FloorPass>,
     sky: SkyGpu,
     punctual_lights: PunctualLightPass,
     water: WaterPass,
@@ -143,6 +146,7 @@ impl Renderer {
             calls: DrawCalls::default(),
             patches: PatchLists::default(),
             tiles: GrowingBuffer::new("terrain tiles", wgpu::BufferUsages::VERTEX),
+            floor: None,
             shadow_maps,
             sky: SkyGpu::new(gpu),
             punctual_lights: PunctualLightPass::new(gpu),
@@ -169,7 +173,8 @@ impl Renderer {
         self.target_format
     }
 
-    /// A compiler for the pipelines that frames with these settings need, optionally with terrain (`ground`).
+    /// A compiler for the pipelines that frames with these settings need, optionally with terrain or the ground of a
+    /// studio (`ground`).
     #[must_use]
     pub fn compiler(&self, gpu: &Gpu, settings: &Settings, ground: bool) -> Compiler {
         Compiler::new(gpu, &self.pipelines, settings, ground)
@@ -284,6 +289,9 @@ impl Renderer {
         if let Some(shadows) = shadows {
             casters = self.shadow_maps.casters((&cascades, shadows.map_side), frame, placed);
         }
+        let floor_place = shadows
+            .filter(|_| target.load == Load::Clear)
+            .and_then(|_| FloorPlace::new(frame, placed, (sky.to_sun, sky.up, sky.side)));
         let ground = match frame.terrain {
             Some(terrain) => {
                 Some(TileList::new(gpu, terrain, frame.camera.eye, &mut casters, &mut self.tiles)?)
@@ -344,6 +352,7 @@ impl Renderer {
                 half_occlusion: accumulated.half,
                 still: (accumulated.number > 0).then_some(accumulated.done),
                 shadows: !casters.is_empty(),
+                floor: floor_place.is_some(),
                 punctual_lights: punctual_lights.is_some(),
                 emission: frame.settings.emission && list.emits,
                 reflections: reflections.map(|reflections| reflections.method == ReflectionMethod::HiZ),
@@ -371,13 +380,22 @@ impl Renderer {
                 casters.add_meshes(&mut list, frame, placed);
             }
         }
+        let floor_place = floor_place.filter(|_| plan.iter().any(|pass| pass.id == PassId::Floor));
+        let mut floor = floor_place.as_ref().map(|place| {
+            let pass = self.floor.get_or_insert_with(|| FloorPass::new(gpu, &self.pipelines.frame_layout));
+            pass.begin(gpu, place, (frame, placed), &mut counters)
+        });
+        if let Some(floor) = &mut floor {
+            floor.redrawn_casters().for_each(|casters| casters.add_meshes(&mut list, frame, placed));
+        }
         self.instances.write(gpu, 0, &list.instances)?;
         #[cfg(any(test, feature = "methods"))]
         self.patches.clear();
         #[cfg(any(test, feature = "methods"))]
         if let (Some(settings), Some(instances)) = (curved, self.instances.buffer()) {
             let before = self.temporal.before().filter(|_| !moving.is_empty());
-            let casters = casters.iter().flat_map(|casters| &casters.batches);
+            let on_floor = floor.iter().flat_map(|floor| floor.casters.iter().flatten());
+            let casters = casters.iter().chain(on_floor).flat_map(|casters| &casters.batches);
             let seen = list.batches.iter().flat_map(|batch| batch.listed(true));
             let parts = seen.chain(casters.flat_map(|batch| batch.listed(false)));
             let inputs = PatchInputs { settings, instances, before };
@@ -387,7 +405,8 @@ impl Renderer {
         let lists = curved.map(|_| &self.patches);
         let groups = DrawGroups::new(&list.batches, placed, lists, &mut self.calls);
         let moving_groups = DrawGroups::new(&moving, placed, lists, &mut self.calls);
-        for casters in &mut casters {
+        let on_floor = floor.iter_mut().flat_map(|floor| floor.casters.iter_mut().flatten());
+        for casters in casters.iter_mut().chain(on_floor) {
             casters.groups = DrawGroups::new(&casters.batches, placed, lists, &mut self.calls);
         }
         self.calls.upload(gpu)?;
@@ -455,6 +474,14 @@ impl Renderer {
             );
             passes.recorded(PassId::ShadowMaps);
         }
+        if let (Some(floor), Some(pass)) = (&floor, &mut self.floor) {
+            let sunken = frame.settings.relief && frame.settings.relief_in_depth;
+            let of_meshes = (&self.instances, &self.patches, &self.calls, &self.texture_tiles);
+            let meshes = meshes(gpu, frame, &self.pipelines, of_meshes);
+            let pipelines = (self.pipelines.floor(gpu), &mut passes);
+            let seen = (floor, &uniform, frame.camera.eye, sunken);
+            pass.record(gpu, pipelines, seen, (meshes, &self.frame_group), &mut counters);
+        }
         for pass in &plan {
             let drawn = (&list, ground.as_ref(), [&groups, &moving_groups]);
             self.run(gpu, &mut passes, *pass, target, (frame, accumulated), drawn, &mut counters);
@@ -474,6 +501,12 @@ impl Renderer {
     #[cfg(test)]
     pub(crate) fn shadow_maps(&self) -> &ShadowMaps {
         &self.shadow_maps
+    }
+
+    /// The ground of a studio, once a frame has had one.
+    #[cfg(test)]
+    pub(crate) fn floor(&self) -> Option<&FloorPass> {
+        self.floor.as_ref()
     }
 
     /// Memory of meshes.

@@ -119,6 +119,13 @@ impl Renderer {
                     self.temporal.resolve(gpu, encoder, &self.frame_buffer, seen);
                 }
             }
+            PassId::Floor => {
+                let views = [Depth, Radiance].map(|resource| self.targets.view(resource));
+                if let (Some(floor), [Some(depth), Some(into)]) = (&self.floor, views) {
+                    let pipelines = self.pipelines.floor(gpu);
+                    floor.draw(gpu, (pipelines, encoder), &self.frame_buffer, (&depth, &into));
+                }
+            }
             PassId::Sky => self.lit(gpu, encoder, pass.id, (p(FullscreenPass::Sky), &[]), false),
             PassId::ToneMap if pass.writes(Display) => {
                 full(encoder, p(FullscreenPass::ToneMapDisplay), &[Radiance], Display);

@@ -34,6 +34,26 @@ pub enum Sky {
     Atmosphere(Atmosphere),
     /// Given colours.
     Plain(GradientSky),
+    /// A photographer's studio for single objects.
+    Studio(Studio),
+}
+
+/// A studio: a grey background without a horizon, soft boxes around the objects, and a key light where the sun would
+/// be. Its lights stand as the sun does: turning [`Environment::to_sun`] about [`Environment::up`] turns them all.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Studio {
+    /// Irradiance of the key light on a surface that faces it, divided by π. The other lights and the background are
+    /// white, and brighten with its luminance; they stay if it is 0.
+    pub key: Vec3,
+    /// Whether there is ground under the lowest point of the objects. Only their shadow on it is seen, if
+    /// [`crate::Settings::shadows`] are on, and nothing from below. A frame over a host's picture has none.
+    pub ground: bool,
+}
+
+impl Default for Studio {
+    fn default() -> Self {
+        Self { key: Vec3::ONE, ground: true }
+    }
 }
 
 /// Clear-sky atmosphere of the Earth (Hillaire 2020).
@@ -123,6 +143,10 @@ impl Sky {
                     horizon: colour(plain.horizon),
                     ground: colour(plain.ground),
                 })
+            }
+            Self::Studio(studio) => {
+                let key = Vec3::from(studio.key.to_array().map(|x| number(x, 0.0, [0.0, 1e3])));
+                Self::Studio(Studio { key, ..*studio })
             }
         }
     }

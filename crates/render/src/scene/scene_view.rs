@@ -13,6 +13,7 @@ use lodestream_scene::description::SceneHeader;
 use lodestream_scene::placement::Placement;
 use lodestream_scene::pose::Pose;
 use lodestream_scene::punctual_lights::PunctualLight;
+use lodestream_scene::surroundings::Surroundings;
 use lodestream_scene::view::View;
 use lodestream_threads::Task;
 
@@ -22,7 +23,7 @@ use crate::frame::placed::PlacedInstances;
 use crate::frame::settings::{Drawable, Frame, Settings, Shadows};
 use crate::frame::target::Target;
 use crate::passes::shadows;
-use crate::passes::sky::SkyMaps;
+use crate::passes::sky::{SkyMaps, studio_white};
 use crate::passes::water::Water;
 use crate::renderer::Renderer;
 use crate::resources::gpu::{Gpu, RenderError};
@@ -31,7 +32,7 @@ use crate::resources::texture_shape::TextureShape;
 use crate::resources::uploads::Uploads;
 use crate::scene::asset::AssetGpu;
 use crate::scene::drawn_placements::DrawnPlacements;
-use crate::scene::environment::{Atmosphere, Environment, GradientSky, Haze, Sky};
+use crate::scene::environment::{Atmosphere, Environment, GradientSky, Haze, Sky, Studio};
 use crate::scene::held_texels::{HeldTexels, Texels};
 use crate::scene::scene_parts::SceneParts;
 use crate::scene::streamed_mesh::StreamedMeshChange;
@@ -46,6 +47,8 @@ const GROUND_ERRORS: f64 = 2.4;
 
 /// Exposed radiance of a white surface that faces the sun: near the upper end of the tone curve.
 const SUNLIT_WHITE: f32 = 1.6;
+/// Of one that faces a studio's key light: lower on the tone curve, so that the sides of pale objects differ.
+const STUDIO_WHITE: f32 = 1.3;
 /// Meteorological range as a multiple of half the terrain's side: a fifth of the contrast remains at the terrain's
 /// border.
 const HAZE_OVER_REACH: f64 = 2.0;
@@ -641,12 +644,13 @@ const LAMPLIT_WHITE: f32 = 1.0;
 fn exposure(environment: &Environment, punctual_lights: bool) -> f32 {
     // BT.709 luminance.
     let luminance = |c: Vec3| c.dot(Vec3::new(0.2126, 0.7152, 0.0722));
-    let lit = match &environment.sky {
-        Sky::Atmosphere(air) => air.brightness,
-        Sky::Plain(plain) => luminance(plain.sun + 0.5 * (plain.zenith + plain.horizon)),
+    let (white, lit) = match &environment.sky {
+        Sky::Studio(studio) => (STUDIO_WHITE, studio_white(studio)),
+        Sky::Atmosphere(air) => (SUNLIT_WHITE, air.brightness),
+        Sky::Plain(plain) => (SUNLIT_WHITE, luminance(plain.sun + 0.5 * (plain.zenith + plain.horizon))),
     };
     let lit = if punctual_lights { lit.max(LAMPLIT_WHITE) } else { lit };
-    if lit > 0.0 { (SUNLIT_WHITE / lit).clamp(1e-3, 1e3) } else { 1.0 }
+    if lit > 0.0 { (white / lit).clamp(1e-3, 1e3) } else { 1.0 }
 }
 
 /// The scene's water. Ripples scale with the terrain's cells.
@@ -656,21 +660,21 @@ fn water(header: &SceneHeader) -> Option<Water> {
     Some(Water { level: water.level.into(), clarity: water.clarity.into(), ripples: terrain.unit.into() })
 }
 
-/// The scene's light. A scene with a sun but without ambient light or background has an atmosphere, unless `plain`
-/// colours are chosen. Else the background gives the sky, brighter towards the horizon, and the ambient light comes
-/// from below. Terrain has haze. [`exposure`] compensates the sun's strength.
+/// The scene's light. A studio stays one. A scene with a sun but without ambient light or background has an atmosphere,
+/// unless `plain` colours are chosen. Else the background gives the sky, brighter towards the horizon, and the ambient
+/// light comes from below. Terrain has haze. [`exposure`] compensates the sun's strength.
 fn environment(header: &SceneHeader, plain: bool) -> Environment {
     let light = &header.light;
     let (sun, background) = (Vec3::from(light.color), Vec3::from(header.background));
-    let sky = if plain || header.states_sky() || sun.max_element() <= 0.0 {
-        Sky::Plain(GradientSky {
+    let sky = match header.surroundings() {
+        Surroundings::Studio if !plain => Sky::Studio(Studio { key: sun, ..Studio::default() }),
+        Surroundings::Sky if !plain && sun.max_element() > 0.0 => Sky::Atmosphere(Atmosphere::default()),
+        _ => Sky::Plain(GradientSky {
             sun,
             zenith: background * 0.7,
             horizon: background * 1.3,
             ground: Vec3::from(light.ambient),
-        })
-    } else {
-        Sky::Atmosphere(Atmosphere::default())
+        }),
     };
     Environment {
         to_sun: Vec3::from(light.direction).as_dvec3(),

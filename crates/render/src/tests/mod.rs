@@ -40,6 +40,7 @@ mod spheres;
 #[cfg(feature = "client")]
 mod staged;
 mod streaming;
+mod studio;
 mod switches;
 mod target_memory;
 mod temporal;

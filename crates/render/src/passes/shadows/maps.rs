@@ -102,12 +102,21 @@ impl ShadowMaps {
         self.texture.as_ref().map_or(0, texture_bytes)
     }
 
+    /// Height of the highest caster above the middle of the first map, as it was drawn.
+    pub(crate) fn top(&self) -> Option<f64> {
+        Some(self.drawn.first()?.as_ref()?.top)
+    }
+
+    /// All layers, once there are some.
+    pub(crate) fn view(&self) -> Option<wgpu::TextureView> {
+        let dimension = Some(wgpu::TextureViewDimension::D2Array);
+        let all = wgpu::TextureViewDescriptor { dimension, ..Default::default() };
+        Some(self.texture.as_ref()?.create_view(&all))
+    }
+
     /// Bindings of the shadow lookup from binding 2: maps, comparison sampler and cascades.
     pub(crate) fn bindings<R>(&self, read: impl FnOnce([wgpu::BindGroupEntry<'_>; 3]) -> R) -> Option<R> {
-        let view = self.texture.as_ref()?.create_view(&wgpu::TextureViewDescriptor {
-            dimension: Some(wgpu::TextureViewDimension::D2Array),
-            ..Default::default()
-        });
+        let view = self.view()?;
         let resources = [
             wgpu::BindingResource::TextureView(&view),
             wgpu::BindingResource::Sampler(&self.sampler),

@@ -15,9 +15,7 @@ use crate::scene::terrain;
 pub(crate) use cascades::Cascade;
 pub(crate) use casters::Casters;
 pub(crate) use maps::{ShadowMaps, Sun};
-pub(crate) use sunlight::SunlightUniform;
-#[cfg(test)]
-pub(crate) use sunlight::map_from_world;
+pub(crate) use sunlight::{SunlightUniform, map_from_world};
 
 /// The cascades of a frame; `list` holds its visible instances.
 pub(crate) fn of_frame(frame: &Frame<'_>, list: &DrawList<'_>, shadows: Shadows) -> Vec<Cascade> {

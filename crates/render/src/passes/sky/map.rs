@@ -7,8 +7,9 @@ use glam::{DVec3, Vec3};
 use super::atmosphere::{AtmosphereTables, GROUND_KM, SUN_RADIUS, Scattered};
 use super::octahedral::Octahedral;
 use super::prefilter::{ambient, in_lobe, in_wide_lobe, irradiance, lobe};
+use super::studio;
 use super::table::Table;
-use crate::scene::environment::{Atmosphere, GradientSky};
+use crate::scene::environment::{Atmosphere, GradientSky, Studio};
 
 /// Texels along a side of the radiance map: a degree each.
 pub(crate) const SEEN_SIDE: usize = 128;
@@ -32,7 +33,7 @@ const MOST_GAIN: f64 = 16.0;
 const MOST_RADIANCE: f64 = 6e4;
 
 /// BT.709 luminance.
-fn luminance(colour: DVec3) -> f64 {
+pub(super) fn luminance(colour: DVec3) -> f64 {
     colour.dot(DVec3::new(0.2126, 0.7152, 0.0722))
 }
 
@@ -95,6 +96,15 @@ impl SkyMap {
             ground.lerp(above, t * t * (3.0 - 2.0 * t))
         };
         Self { sun: colour(plain.sun), ..Self::of_light(&light, haze) }
+    }
+
+    /// Maps of a studio: objects reflect its lights, and are seen before its background.
+    pub(crate) fn studio(studio: &Studio) -> Self {
+        let scale = studio::scale(studio);
+        let white = |radiance: f64| DVec3::splat(scale * radiance);
+        let seen = Octahedral::mirrored(SEEN_SIDE, |direction| white(studio::background(direction.z)));
+        let light = |direction: DVec3| white(studio::light(direction));
+        Self { sun: studio.key.as_dvec3(), seen, ..Self::of_light(&light, false) }
     }
 
     /// Maps of light from all directions, without a sun.

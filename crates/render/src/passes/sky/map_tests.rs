@@ -131,6 +131,22 @@ fn given_colours_stay_as_they_are() {
     assert_eq!((map.sun, map.disc), (DVec3::ONE, DVec3::ZERO));
 }
 
+#[test]
+fn a_studio_lights_a_white_surface_as_its_exposure_supposes() {
+    let studio = Studio::default();
+    let map = SkyMap::studio(&studio);
+    let to_key = DVec3::new(0.675, 0.0, 0.738);
+    let lit = luminance(map.sun + map.ambient(to_key));
+    assert!((lit / f64::from(studio::white(&studio)) - 1.0).abs() < 0.02, "{lit}");
+    // Away from the key light it is darker from every side, but not dark.
+    for d in directions(200) {
+        let from_around = map.ambient(d).x;
+        assert!((0.15..0.8).contains(&from_around), "{d}: {from_around}");
+    }
+    let dark = SkyMap::studio(&Studio { key: Vec3::ZERO, ..studio });
+    assert_eq!(dark.ambient(DVec3::Z), map.ambient(DVec3::Z), "boxes light without a key light, too");
+}
+
 /// Best of several, since other work may share the machine.
 #[test]
 fn time_of_sky_maps() {

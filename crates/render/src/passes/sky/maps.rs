@@ -22,9 +22,9 @@ impl Key {
         Self { sky: environment.sky.finite(), sun_height: SunPlace::new(environment).height, haze }
     }
 
-    /// Whether both keys have equal maps: gradient skies do not depend on the sun.
+    /// Whether both keys have equal maps: only those of an atmosphere depend on the sun's height.
     fn shows_what(&self, other: &Self) -> bool {
-        let height = matches!(self.sky, Sky::Plain(_)) || self.sun_height == other.sun_height;
+        let height = !matches!(self.sky, Sky::Atmosphere(_)) || self.sun_height == other.sun_height;
         self.sky == other.sky && self.haze == other.haze && height
     }
 }
@@ -74,6 +74,7 @@ impl SkyMaps {
     pub(super) fn of(key: Key, last: &mut Option<(Atmosphere, AtmosphereTables)>) -> Self {
         let map = match &key.sky {
             Sky::Plain(plain) => SkyMap::plain(plain, key.haze),
+            Sky::Studio(studio) => SkyMap::studio(studio),
             Sky::Atmosphere(air) if is_same(air, &Atmosphere::default()) => {
                 SkyMap::of_air(air, default_atmosphere(), key.sun_height, key.haze)
             }

@@ -15,7 +15,7 @@ use crate::resources::descriptors::{texture_2d, uniform_buffer, wgsl};
 use crate::resources::gpu::Gpu;
 use crate::resources::readback::read_texture;
 use crate::tests::headless;
-use crate::{Atmosphere, Environment, Frame, GradientSky, Haze, Pose, Sky};
+use crate::{Atmosphere, Environment, Frame, GradientSky, Haze, Pose, Sky, Studio};
 
 const SIDE: u32 = 32;
 /// The shader's outputs, in the order of pixels.
@@ -114,6 +114,7 @@ fn the_sky_shader_matches_its_cpu_reference() {
         (Sky::Atmosphere(Atmosphere::default()), DVec3::Z, 40.0),
         (Sky::Atmosphere(Atmosphere { aerosol: 40.0, ..Atmosphere::default() }), tilted, 3.0),
         (plain, DVec3::Y, 60.0),
+        (Sky::Studio(Studio { key: Vec3::new(0.9, 0.8, 0.6), ground: true }), DVec3::Y, 47.5),
     ] {
         let environment = Environment { to_sun: at(degrees, up), up, sky: kind, haze };
         let got = pixels(h.gpu(), &mut sky, environment);
@@ -176,5 +177,7 @@ fn nothing_makes_the_sky_not_a_number() {
     for vector in [DVec3::ZERO, DVec3::NAN, DVec3::splat(1e300), DVec3::splat(1e-300), DVec3::NEG_Y] {
         check(Environment { to_sun: vector, ..Environment::default() });
         check(Environment { up: vector, sky: Sky::Atmosphere(strange), ..Environment::default() });
+        let studio = Sky::Studio(Studio { key: Vec3::new(f32::NAN, -1.0, 1e30), ground: true });
+        check(Environment { up: vector, sky: studio, ..Environment::default() });
     }
 }
