@@ -11,7 +11,9 @@ use clap::builder::{PossibleValuesParser, TypedValueParser};
 use glam::DVec3;
 use lodestream_bake::scene::UpAxis;
 use lodestream_scene::description::Camera;
+use lodestream_scene::section::SectionPlanes;
 use lodestream_scene::view::View;
+use lodestream_viewing::CameraController;
 
 use lodestream_render::{
     AntiAliasing, DebugView, Ink, MAX_INK_LEVELS, MAX_INK_WIDTH, MAX_REFLECTION_STEPS, OcclusionMethod,
@@ -19,7 +21,7 @@ use lodestream_render::{
 };
 
 use crate::outcome::EXIT_CODES;
-use crate::part_args::{PartArg, PixelArg, TintArg};
+use crate::part_args::{PartArg, PixelArg, SectionArg, TintArg};
 
 /// Shows models and scenes: those of files, and those that a Lodestream server streams.
 #[derive(Clone, Debug, Parser)]
@@ -76,6 +78,13 @@ pub(crate) struct Args {
     /// Camera: `eye=X,Y,Z;target=X,Y,Z`, optionally with `;up=X,Y,Z` and `;fov=DEGREES`. Default: the scene's camera
     #[arg(long, value_name = "CAMERA", allow_hyphen_values = true)]
     pub(crate) camera: Option<CameraArg>,
+    /// Parallel projection; what is at the camera's target keeps its size
+    #[arg(long)]
+    pub(crate) orthographic: bool,
+    /// Section plane: cuts away from meshes what lies where X·x + Y·y + Z·z > D, in world units, and fills closed ones
+    /// there. May be repeated, up to three planes
+    #[arg(long, value_name = "X,Y,Z,D", allow_hyphen_values = true)]
+    pub(crate) section: Vec<SectionArg>,
     /// Screen error to refine to, in pixels
     #[arg(long, value_name = "PX", default_value = "1")]
     pub(crate) pixel_error: PixelError,
@@ -379,7 +388,24 @@ impl Args {
     /// The view of a camera at the window's size and the pixel error.
     #[must_use]
     pub(crate) fn view_of(&self, camera: &Camera) -> View {
-        camera.view(self.window.0, self.pixel_error.0)
+        self.projected(*camera).view(self.window.0, self.pixel_error.0)
+    }
+
+    /// A camera with the projection that is asked for.
+    pub(crate) fn projected(&self, camera: Camera) -> Camera {
+        if self.orthographic { camera.orthographic() } else { camera }
+    }
+
+    /// The section planes; [`crate::run::check`] refuses too many.
+    pub(crate) fn sections(&self) -> Option<SectionPlanes> {
+        SectionPlanes::new(&self.section.iter().map(|section| section.0).collect::<Vec<_>>())
+    }
+
+    /// A controller that starts at a camera, with the projection that is asked for.
+    pub(crate) fn controller(&self, camera: Camera) -> CameraController {
+        let mut controller = CameraController::new(camera);
+        controller.orthographic = self.orthographic;
+        controller
     }
 }
 

@@ -131,7 +131,8 @@ pub(crate) fn run(args: &Args, target: Target) -> anyhow::Result<Outcome> {
     parts::apply(args, headless.gpu(), &mut scene)?;
     if let Some(camera) = camera(args, &scene) {
         for pixel in &args.pick {
-            let found = parts::describe_at(*pixel, &camera.pose(), headless.size(), &streaming, &scene)?;
+            let found =
+                parts::describe_at(*pixel, (&camera.pose(), headless.size()), args, &streaming, &scene)?;
             println!("{found}");
         }
     }
@@ -180,7 +181,8 @@ fn seconds(duration: Duration) -> f32 {
 
 /// The camera of the command line, else of the scene.
 fn camera(args: &Args, scene: &SceneView) -> Option<Camera> {
-    args.camera.map(|c| c.0).or_else(|| scene.header().map(|h| h.camera))
+    let camera = args.camera.map(|c| c.0).or_else(|| scene.header().map(|h| h.camera));
+    camera.map(|camera| args.projected(camera))
 }
 
 fn draw(

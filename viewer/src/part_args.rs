@@ -1,8 +1,10 @@
-//! Parts, colours and pixels as arguments.
+//! Parts, colours, pixels and section planes as arguments.
 
 use std::str::FromStr;
 
+use glam::DVec3;
 use lodestream_scene::parts::ScenePart;
+use lodestream_scene::section::SectionPlane;
 
 /// A part, as `INSTANCE:PART`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -56,9 +58,37 @@ impl FromStr for PixelArg {
     }
 }
 
+/// A section plane, as `X,Y,Z,D`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct SectionArg(pub(crate) SectionPlane);
+
+impl FromStr for SectionArg {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let numbers: Option<Vec<f64>> = text.split(',').map(|number| number.trim().parse().ok()).collect();
+        let plane = match numbers.as_deref() {
+            Some(&[x, y, z, distance]) => SectionPlane::new(DVec3::new(x, y, z), distance),
+            _ => None,
+        };
+        plane
+            .map(Self)
+            .ok_or_else(|| "write X,Y,Z,D with a normal that is not 0, for example 0,1,0,1.5".into())
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn section_planes_are_parsed() {
+        let plane = SectionPlane::new(DVec3::new(0.0, -1.0, 0.0), 0.75).unwrap();
+        assert_eq!("0,-2, 0,1.5".parse(), Ok(SectionArg(plane)));
+        for bad in ["", "1,2,3", "0,0,0,1", "1,2,3,4,5", "a,0,0,1", "nan,1,0,0", "1,0,0,inf"] {
+            assert!(bad.parse::<SectionArg>().is_err(), "{bad}");
+        }
+    }
 
     #[test]
     fn parts_colours_and_pixels_are_parsed() {

@@ -43,15 +43,15 @@ pub(crate) fn instances(args: &Args) -> Vec<u32> {
 /// Describes what a pixel shows; waits for the streaming thread.
 pub(crate) fn describe_at(
     PixelArg([x, y]): PixelArg,
-    pose: &Pose,
-    size: (u32, u32),
+    (pose, size): (&Pose, (u32, u32)),
+    args: &Args,
     streaming: &Streaming,
     scene: &SceneView,
 ) -> anyhow::Result<String> {
     let direction = pose.direction([f64::from(x) + 0.5, f64::from(y) + 0.5], size);
     let ray = Ray { origin: pose.eye, direction };
-    let hidden = scene.hidden_parts();
-    let hit = streaming.ask(move |core| core.pick(ray, |part| hidden.contains(part)))?.wait()?;
+    let (hidden, planes) = (scene.hidden_parts(), args.sections().unwrap_or_default());
+    let hit = streaming.ask(move |core| core.pick_cut(ray, &planes, |part| hidden.contains(part)))?.wait()?;
     let Some(Hit { instance, part, place, distance }) = hit else { return Ok(format!("{x},{y}: nothing")) };
     // Behind a proxy the part is not known.
     let part = part.map_or_else(|| "?".into(), |part| part.to_string());

@@ -8,8 +8,8 @@ use lodestream_client::Threads;
 use lodestream_client::core::{Config, Decoders, StartView, Stats};
 use lodestream_client::net::{Address, Authorities, Scheme, Server};
 use lodestream_render::{
-    AmbientOcclusion, AntiAliasing, Bloom, DebugView, Ink, LightCulling, OcclusionMethod, PnTriangles,
-    Reflections, Settings, Shadows,
+    AmbientOcclusion, AntiAliasing, Bloom, DebugView, Ink, LightCulling, MAX_SECTION_PLANES, OcclusionMethod,
+    PnTriangles, Reflections, Settings, Shadows,
 };
 
 use crate::args::{Args, StillMethod};
@@ -44,6 +44,10 @@ pub(crate) fn check(args: &Args, target: &Target) -> anyhow::Result<()> {
         bail!(
             "--occlusion-half does not work with --occlusion-method hbao-plus, whose layers need every pixel: leave one out"
         );
+    }
+    if args.sections().is_none() {
+        let given = args.section.len();
+        bail!("--section is given {given} times, of at most {MAX_SECTION_PLANES}: leave out some");
     }
     Ok(())
 }
@@ -87,6 +91,9 @@ fn authorities(file: &Path) -> anyhow::Result<Authorities> {
 pub(crate) fn core_config(args: &Args) -> anyhow::Result<Config> {
     let start = match &args.camera {
         Some(camera) => StartView::Given(args.view_of(&camera.0)),
+        None if args.orthographic => {
+            StartView::OrthographicOfScene { viewport_px: args.window.0, target_px: args.pixel_error.0 }
+        }
         None => StartView::OfScene { viewport_px: args.window.0, target_px: args.pixel_error.0 },
     };
     let mut config = Config::new(start);
@@ -123,6 +130,7 @@ pub(crate) fn settings(args: &Args, software: bool) -> Settings {
     settings.exposure = args.exposure;
     settings.shadows = (!args.no_shadows).then(Shadows::default);
     settings.lights = (!args.no_punctual_lights).then(LightCulling::default);
+    settings.sections = args.sections().unwrap_or_default();
     settings.water = !args.no_water;
     let (method, steps) = (args.reflections, args.reflection_steps);
     settings.reflections = method.map(|method| Reflections { method, steps });
@@ -246,6 +254,19 @@ mod tests {
         ] {
             let words = [&["viewer", "ws://h:1"], &wrong[..]].concat();
             assert!(Args::try_parse_from(words).is_err(), "{wrong:?}");
+        }
+    }
+
+    #[test]
+    fn section_flags_set_planes_up_to_their_bound() {
+        let planes = of(&["--section", "0,1,0,2", "--section", "-1,0,0,0.5"], true).sections;
+        let normals: Vec<_> = planes.iter().map(|plane| plane.normal().to_array()).collect();
+        assert_eq!(normals, [[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]]);
+        for count in [MAX_SECTION_PLANES, MAX_SECTION_PLANES + 1] {
+            let words = vec!["--section=0,0,1,0"; count];
+            let args = Args::parse_from([&["viewer", "ws://h:1"], &words[..]].concat());
+            let checked = check(&args, &Target::of(&args.files).unwrap());
+            assert_eq!(checked.is_ok(), count <= MAX_SECTION_PLANES, "{checked:?}");
         }
     }
 

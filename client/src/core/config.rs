@@ -18,6 +18,15 @@ pub enum StartView {
         /// Screen error to refine to, in pixels.
         target_px: f32,
     },
+    /// The same in parallel projection ([`Camera::orthographic`]).
+    ///
+    /// [`Camera::orthographic`]: lodestream_scene::description::Camera::orthographic
+    OrthographicOfScene {
+        /// Width and height of the picture.
+        viewport_px: [u32; 2],
+        /// Screen error to refine to, in pixels.
+        target_px: f32,
+    },
     /// A given view.
     Given(View),
 }

@@ -6,6 +6,7 @@ use lodestream_scene::description::Instance;
 use lodestream_scene::parts::ScenePart;
 use lodestream_scene::placement::Placement;
 use lodestream_scene::proxy::Proxy;
+use lodestream_scene::section::SectionPlanes;
 
 use super::ClientCore;
 
@@ -86,6 +87,22 @@ impl ClientCore {
         }
         let nearest = self.pick_instance(ray.origin, direction, &is_hidden);
         self.pick_proxy(ray.origin, direction, &is_hidden, nearest)
+    }
+
+    /// The same where section planes cut the scene: the nearest face on the part of the ray that they leave. On a cap that is
+    /// the face behind it, of the part that the cap belongs to.
+    #[must_use]
+    pub fn pick_cut(
+        &self,
+        ray: Ray,
+        planes: &SectionPlanes,
+        is_hidden: impl Fn(ScenePart) -> bool,
+    ) -> Option<Hit> {
+        let [from, to] = planes.kept_stretch(ray.origin, ray.direction)?;
+        let length = ray.direction.length();
+        let hit = self.pick(Ray { origin: ray.origin + ray.direction * from, ..ray }, is_hidden)?;
+        let distance = from * length + hit.distance;
+        (distance <= to * length).then_some(Hit { distance, ..hit })
     }
 
     /// The nearest face of the proxies that are drawn, if it is before `nearest`. A part of a proxy is an instance.

@@ -51,6 +51,7 @@ pub use lodestream_scene::asset::{Alpha, Material, TextureKind, Wrap};
 pub use lodestream_scene::placement::Placement;
 pub use lodestream_scene::pose::Pose;
 pub use lodestream_scene::punctual_lights::{PunctualLight, Spot};
+pub use lodestream_scene::section::{MAX_SECTION_PLANES, SectionPlane, SectionPlanes};
 pub use passes::bloom::Bloom;
 #[cfg(any(test, feature = "methods"))]
 pub use passes::ink::{Ink, MAX_INK_BLUR, MAX_INK_LEVELS, MAX_INK_WIDTH};

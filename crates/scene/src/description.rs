@@ -18,7 +18,7 @@ use crate::limits::{
     MAX_SCENE_PAGES,
 };
 use crate::placement::Placement;
-use crate::pose::Pose;
+use crate::pose::{ORTHOGRAPHIC_FOV_Y, Pose};
 use crate::proxy::Proxy;
 use crate::shared::{self, SharedTexture};
 use crate::terrain::{TerrainEntry, TerrainEntryError};
@@ -105,6 +105,17 @@ impl Camera {
     #[must_use]
     pub fn view(&self, viewport_px: [u32; 2], target_px: f32) -> View {
         View { target_px, ..View::look_at(self.eye, self.target, self.up, self.fov_y, viewport_px) }
+    }
+
+    /// The same camera with parallel projection: it shows what is at the target in the same size. Its eye stands so far
+    /// away that the narrow field of view [`ORTHOGRAPHIC_FOV_Y`] holds the picture. Of an orthographic camera itself.
+    #[must_use]
+    pub fn orthographic(&self) -> Self {
+        let tangent = |fov_y: f32| (f64::from(fov_y) * 0.5).tan();
+        let factor = tangent(self.fov_y) / tangent(ORTHOGRAPHIC_FOV_Y);
+        let target = DVec3::from(self.target);
+        let eye = target + (DVec3::from(self.eye) - target) * factor;
+        Self { eye: eye.into(), fov_y: ORTHOGRAPHIC_FOV_Y, ..*self }
     }
 
     /// The camera as a [`Pose`].
@@ -410,6 +421,34 @@ impl ScenePage {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn an_orthographic_camera_shows_the_target_in_the_same_size_with_parallel_edges() {
+        let camera =
+            Camera { eye: [3.0, 4.0, -9.0], target: [1.0, 0.5, 2.0], up: [0.0, 1.0, 0.0], fov_y: 0.9 };
+        let parallel = camera.orthographic();
+        assert_eq!(parallel.orthographic(), parallel);
+        parallel.view([1280, 720], 1.0).check().unwrap();
+        let (before, pose) = (camera.pose(), parallel.pose());
+        assert!(before.rotation.angle_between(pose.rotation) < 1e-6 && !before.is_orthographic());
+        let on_picture = |pose: &Pose, at: DVec3| {
+            let seen = pose.rotation.conjugate() * (at - pose.eye);
+            let (tx, ty) = pose.tan_half_fov(1280, 720);
+            [640.0 * seen.x / (tx * -seen.z), 360.0 * seen.y / (ty * -seen.z)]
+        };
+        let target = DVec3::from(camera.target);
+        let [right, up, back] = [DVec3::X, DVec3::Y, DVec3::Z].map(|axis| pose.rotation * axis);
+        // Half a picture's height at the target.
+        let half = (DVec3::from(camera.eye) - target).length() * 0.45_f64.tan();
+        for (x, y) in [(1.7, 1.0), (-1.7, 0.3), (0.4, -1.0), (0.0, 0.0)] {
+            let at = target + (right * x + up * y) * half;
+            let (own, usual) = (on_picture(&pose, at), on_picture(&before, at));
+            assert!((0..2).all(|i| (own[i] - usual[i]).abs() < 0.01), "{own:?} {usual:?}");
+            // Edges along the view, as deep as half the picture is high, end where they begin.
+            let end = on_picture(&pose, at - back * half);
+            assert!((0..2).all(|i| (own[i] - end[i]).abs() < 0.5), "{own:?} {end:?}");
+        }
+    }
 
     fn page() -> ScenePage {
         let asset = AssetEntry { sphere: Sphere { center: [0.0; 3], radius: 1.0 }, ..AssetEntry::default() };

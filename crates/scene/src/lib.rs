@@ -15,6 +15,7 @@
 //! | [`published`] | the scene as an object that clients read in ranges |
 //! | [`placement`] | where an object stands: position, rotation and scale |
 //! | [`view`], [`pose`] | a camera for screen errors, with its picture, and for drawing, in f64 |
+//! | [`section`] | planes beyond which the scene is cut away |
 //! | [`limits`] | bounds on every length and count that a peer may send |
 //! | [`encoding`] | encoding of all of these |
 
@@ -40,6 +41,7 @@ pub mod pose;
 pub mod proxy;
 pub mod published;
 pub mod punctual_lights;
+pub mod section;
 pub mod shared;
 pub mod surroundings;
 pub mod terrain;

@@ -2,6 +2,14 @@
 
 use glam::{DMat3, DQuat, DVec3};
 
+/// Vertical field of view of orthographic cameras, in radians: 0.086°, narrower than scenes may state. Parallel projection
+/// is drawn with a long lens: over a depth of the picture's height, nothing in 1280×720 pixels moves by more than one. A
+/// longer lens would leave fewer bits of f32 for differences of depths, of which this one resolves a thirtieth of a pixel.
+pub const ORTHOGRAPHIC_FOV_Y: f32 = 0.0015;
+/// Half the field of view of the camera to which an orthographic one compares, where sizes are shares of the depth: its
+/// tangent, of 25°.
+const USUAL_TANGENT: f64 = 0.466_307_658_154_998_6;
+
 /// A camera as it is drawn from: position, orientation and field of view, in f64.
 ///
 /// View space is right-handed with x to the right, y up and the view along −z. A [`Camera`] is what scenes, paths and
@@ -43,6 +51,19 @@ impl Pose {
     pub fn tan_half_fov(&self, width_px: u32, height_px: u32) -> (f64, f64) {
         let y = (self.fov_y.clamp(1e-5, std::f64::consts::PI - 1e-3) * 0.5).tan();
         (y * f64::from(width_px.max(1)) / f64::from(height_px.max(1)), y)
+    }
+
+    /// Whether this stands for a parallel projection: its field of view is at most [`ORTHOGRAPHIC_FOV_Y`].
+    #[must_use]
+    pub fn is_orthographic(&self) -> bool {
+        self.fov_y <= f64::from(ORTHOGRAPHIC_FOV_Y)
+    }
+
+    /// Factor on lengths that are stated as shares of the depth, such as tolerances: 1, but for an orthographic camera,
+    /// which stands far away, what gives these lengths the size in pixels that they have at a field of view of 50°.
+    #[must_use]
+    pub fn depth_factor(&self) -> f64 {
+        if self.is_orthographic() { self.tan_half_fov(1, 1).1 / USUAL_TANGENT } else { 1.0 }
     }
 
     /// Direction from the eye through a place of a picture, in pixels from its upper left corner; world axes, not of

@@ -44,6 +44,9 @@ pub type Push = [f64; 3];
 pub struct CameraController {
     /// The mode.
     pub mode: Mode,
+    /// Parallel projection, which shows the target in the same size; what is moved is the camera in perspective. The wheel
+    /// then changes the height of the picture.
+    pub orthographic: bool,
     start: Camera,
     now: Camera,
     /// World units per second of flight.
@@ -55,13 +58,19 @@ impl CameraController {
     #[must_use]
     pub fn new(start: Camera) -> Self {
         let up = Vec3::from(start.up).normalize_or(Vec3::Y).to_array();
-        let this = Self { mode: Mode::Orbit, start, now: Camera { up, ..start }, speed: 0.0 };
+        let now = Camera { up, ..start };
+        let this = Self { mode: Mode::Orbit, orthographic: false, start, now, speed: 0.0 };
         Self { speed: 0.5 * this.distance(), ..this }
     }
 
     /// Returns to the start.
     pub fn reset(&mut self) {
-        *self = Self { mode: self.mode, ..Self::new(self.start) };
+        *self = Self { mode: self.mode, orthographic: self.orthographic, ..Self::new(self.start) };
+    }
+
+    /// Changes between parallel projection and perspective; what is at the target keeps its size.
+    pub fn toggle_projection(&mut self) {
+        self.orthographic = !self.orthographic;
     }
 
     /// Changes the mode without moving.
@@ -87,10 +96,10 @@ impl CameraController {
     /// Moves to a camera, from which [`CameraController::reset`] still returns to the start.
     pub fn place(&mut self, camera: Camera) {
         let start = self.start;
-        *self = Self { mode: self.mode, start, ..Self::new(camera) };
+        *self = Self { mode: self.mode, orthographic: self.orthographic, start, ..Self::new(camera) };
     }
 
-    /// The camera now.
+    /// The camera now, in perspective.
     #[must_use]
     pub const fn camera(&self) -> Camera {
         self.now
@@ -189,7 +198,8 @@ impl CameraController {
     pub fn fit(&mut self, centre: DVec3, radius: f64, aspect: f64) {
         let up = (f64::from(self.now.fov_y) * 0.5).tan();
         let least = up.min(up * aspect).atan();
-        let distance = (FIT_MARGIN * radius / least.sin()).clamp(1e-9, 1e12);
+        let share = if self.orthographic { least.tan() } else { least.sin() };
+        let distance = (FIT_MARGIN * radius / share).clamp(1e-9, 1e12);
         if !centre.is_finite() || !distance.is_finite() {
             return;
         }
@@ -220,19 +230,24 @@ impl CameraController {
         self.shift(DVec3::Y * up);
     }
 
+    /// The camera now, with its projection.
+    fn projected(&self) -> Camera {
+        if self.orthographic { self.now.orthographic() } else { self.now }
+    }
+
     /// The view to send to the server.
     #[must_use]
     pub fn view(&self, viewport_px: [u32; 2], target_px: f32) -> View {
-        self.now.view(viewport_px, target_px)
+        self.projected().view(viewport_px, target_px)
     }
 
     /// The pose to draw from.
     #[must_use]
     pub fn pose(&self) -> Pose {
-        self.now.pose()
+        self.projected().pose()
     }
 
-    /// The camera in the format of `--camera`.
+    /// The camera in the format of `--camera`, in perspective.
     #[must_use]
     pub fn describe(&self) -> String {
         let point = |[x, y, z]: [f64; 3]| format!("{x:.3},{y:.3},{z:.3}");
@@ -352,6 +367,51 @@ mod tests {
             controller.wheel_to(pivot, 20.0);
         }
         assert!(controller.distance() > 0.0 && controller.eye().is_finite());
+    }
+
+    #[test]
+    fn parallel_projection_keeps_the_size_at_the_target_through_every_movement() {
+        let per_unit = |controller: &CameraController| {
+            let (pose, target) = (controller.pose(), controller.target());
+            let right = pose.rotation * DVec3::X;
+            let across = |at: DVec3| {
+                let seen = pose.rotation.conjugate() * (at - pose.eye);
+                seen.x / -seen.z / pose.tan_half_fov(1280, 720).0 * 640.0
+            };
+            (across(target + right) - across(target), controller.view([1280, 720], 1.0).scale_px())
+        };
+        let mut perspective = controller();
+        let mut parallel = controller();
+        parallel.toggle_projection();
+        assert!(parallel.orthographic && parallel.pose().is_orthographic());
+        let steps: [fn(&mut CameraController); 7] = [
+            |_| {},
+            |controller| controller.turn(80.0, -30.0),
+            |controller| controller.wheel(4.0),
+            |controller| controller.pan(30.0, -200.0, 720.0),
+            |controller| controller.look_from(Side::Right),
+            |controller| controller.circle(1.0),
+            |controller| controller.wheel(-9.0),
+        ];
+        for step in steps {
+            step(&mut perspective);
+            step(&mut parallel);
+            assert_eq!(perspective.camera(), parallel.camera());
+            let ((seen, scale_px), (same, far_scale_px)) = (per_unit(&perspective), per_unit(&parallel));
+            assert!((seen / same - 1.0).abs() < 1e-5, "{seen} {same}");
+            // What selection measures errors with: pixels per world unit at the target.
+            let away = |controller: &CameraController| (controller.pose().eye - controller.target()).length();
+            let (px, far_px) = (scale_px / away(&perspective), far_scale_px / away(&parallel));
+            assert!((px / far_px - 1.0).abs() < 1e-5, "{px} {far_px}");
+            assert!(parallel.view([1280, 720], 1.0).check().is_ok());
+        }
+        // A tenth is left around a sphere that the camera is fitted to.
+        parallel.fit(DVec3::X, 2.0, 1.0);
+        assert!((per_unit(&parallel).0 * 2.0 * FIT_MARGIN - 360.0).abs() < 0.01);
+        parallel.reset();
+        assert!(parallel.orthographic);
+        parallel.toggle_projection();
+        assert_eq!(parallel.pose(), controller().pose());
     }
 
     #[test]

@@ -196,7 +196,7 @@ impl Running {
             files,
             next: None,
             scene,
-            controller: args.camera.map(|camera| CameraController::new(camera.0)),
+            controller: args.camera.map(|camera| args.controller(camera.0)),
             status: SessionStatus::default(),
             choices: Choices {
                 hidden: args.no_overlay,
@@ -528,7 +528,8 @@ impl Steps for FrameSteps<'_> {
             tracing::debug!(now = ?running.now(), "first frame uploaded");
         }
         if running.controller.is_none() {
-            running.controller = running.scene.header().map(|header| CameraController::new(header.camera));
+            let args = self.args;
+            running.controller = running.scene.header().map(|header| args.controller(header.camera));
         }
         Ok(())
     }

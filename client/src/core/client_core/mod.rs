@@ -93,7 +93,7 @@ impl ClientCore {
     pub fn new(config: Config) -> Self {
         let view = match config.start {
             StartView::Given(view) => Some(view),
-            StartView::OfScene { .. } => None,
+            StartView::OfScene { .. } | StartView::OrthographicOfScene { .. } => None,
         };
         Self {
             connection: ConnectionState::default(),

@@ -92,10 +92,17 @@ impl ClientCore {
             // Blobs that are not decoded yet belong to the old scene: `Connected` is the session's first event.
             self.undecoded.clear();
         }
-        if self.view.is_none()
-            && let StartView::OfScene { viewport_px, target_px } = self.config.start
-        {
-            self.set_view(now, header.camera.view(viewport_px, target_px));
+        if self.view.is_none() {
+            let camera = header.camera;
+            match self.config.start {
+                StartView::OfScene { viewport_px, target_px } => {
+                    self.set_view(now, camera.view(viewport_px, target_px));
+                }
+                StartView::OrthographicOfScene { viewport_px, target_px } => {
+                    self.set_view(now, camera.orthographic().view(viewport_px, target_px));
+                }
+                StartView::Given(_) => {}
+            }
         }
         self.connection.welcome = Some(welcome);
     }

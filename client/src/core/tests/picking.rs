@@ -9,6 +9,7 @@ use lodestream_geometry as geometry;
 use lodestream_scene::description::{Camera, Instance};
 use lodestream_scene::parts::{PartTransform, ScenePart};
 use lodestream_scene::placement::Placement;
+use lodestream_scene::section::{SectionPlane, SectionPlanes};
 
 use super::super::testing::coded;
 use super::super::{Hit, Ray};
@@ -292,4 +293,31 @@ fn a_ray_passes_hidden_instances_to_the_last() {
         assert_eq!(link.core.pick(Ray { direction: bad, ..ray }, |_| false), None);
         assert_eq!(link.core.pick(Ray { origin: bad / 0.0, ..ray }, |_| false), None);
     }
+}
+
+#[test]
+fn a_cut_ray_meets_what_section_planes_leave() {
+    let row = (0..64).map(|n| Instance::at(0, [3.0 * f64::from(n), 0.0, 0.0])).collect();
+    let mut link = Loopback::new(TestScene::new(1).with_instances(row), |_| {});
+    link.connect();
+    link.settle();
+    let ray = Ray { origin: DVec3::new(-5.0, 0.0, 0.1), direction: DVec3::X * 2.0 };
+    let pick = |planes: &[(DVec3, f64)]| {
+        let planes: Vec<_> = planes.iter().map(|(n, d)| SectionPlane::new(*n, *d).unwrap()).collect();
+        link.core.pick_cut(ray, &SectionPlanes::new(&planes).unwrap(), |_| false)
+    };
+    let first = pick(&[]).unwrap();
+    assert_eq!(Some(first), link.core.pick(ray, |_| false));
+    // Inside an instance: its face behind the cut is met.
+    let at = first.place.x + 30.001;
+    let hit = pick(&[(DVec3::NEG_X, -at)]).unwrap();
+    let beyond = Ray { origin: DVec3::new(at, 0.0, 0.1), ..ray };
+    let same = link.core.pick(beyond, |_| false).unwrap();
+    assert_eq!((hit.instance, hit.part), (same.instance, same.part));
+    assert!(hit.instance >= 10 && (hit.distance - (at + 5.0 + same.distance)).abs() < 1e-9, "{hit:?}");
+    assert!((hit.place.x + 5.0 - hit.distance).abs() < 1e-9);
+    // What lies behind a plane that the ray goes into is cut away.
+    assert_eq!(pick(&[(DVec3::X, first.place.x - 1e-3)]), None);
+    assert_eq!(pick(&[(DVec3::X, first.place.x + 1e-3)]), Some(first));
+    assert_eq!(pick(&[(DVec3::Z, 0.0)]), None);
 }

@@ -22,6 +22,7 @@ enum Task {
     },
     /// Pipelines that build patch lists.
     Patches,
+    Caps,
     Caster,
     Ground {
         relief: bool,
@@ -59,6 +60,8 @@ pub struct Compiler {
     tasks: Arc<[Task]>,
     /// Settings of PN triangles, if they are drawn.
     curved: Option<PnTriangles>,
+    /// Whether there are section planes.
+    cut: bool,
     next: Arc<AtomicUsize>,
 }
 
@@ -69,6 +72,7 @@ impl Compiler {
             pipelines: Arc::clone(pipelines),
             tasks: tasks(gpu, settings, ground).into(),
             curved: settings.curves(gpu),
+            cut: !settings.sections.is_empty(),
             next: Arc::default(),
         }
     }
@@ -82,14 +86,18 @@ impl Compiler {
 
     fn make(&self, task: Task) {
         let (gpu, pipelines) = (&self.gpu, &*self.pipelines);
-        let patches = self.curved.map(|settings| pipelines.patches(gpu, settings));
-        let meshes = patches.map_or(&pipelines.meshes, PatchPipelines::meshes);
+        let patches = self.curved.map(|settings| pipelines.patches(gpu, settings, self.cut));
+        let meshes = patches.map_or_else(|| pipelines.meshes_of(gpu, self.cut), PatchPipelines::meshes);
         match task {
             Task::Surface { relief } => {
                 meshes.surface(gpu, Features { relief, ..Features::default() }, relief);
             }
             Task::Patches => {
-                patches.into_iter().for_each(|patches| patches.compile_makers(gpu));
+                let whole = self.curved.map(|settings| pipelines.patches(gpu, settings, false));
+                whole.into_iter().for_each(|patches| patches.compile_makers(gpu));
+            }
+            Task::Caps => {
+                pipelines.caps(gpu);
             }
             Task::Caster => {
                 meshes.caster(gpu);
@@ -145,6 +153,7 @@ fn tasks(gpu: &Gpu, settings: &Settings, ground: bool) -> Vec<Task> {
     let mut tasks = vec![Task::Surface { relief: false }];
     let mut also = |needed: bool, more: &[Task]| tasks.extend(more.iter().filter(|_| needed));
     also(settings.curves(gpu).is_some(), &[Task::Patches]);
+    also(!settings.sections.is_empty(), &[Task::Caps]);
     also(ground, &[Task::Ground { relief }]);
     also(relief, &[Task::Surface { relief: true }]);
     also(true, &[Task::FullscreenPass(FullscreenPass::Lighting { occlusion, shadows })]);

@@ -1,6 +1,7 @@
 //! Draw lists: culls instances, and sorts them from near to far.
 
 use glam::DVec3;
+use lodestream_scene::section::SectionPlanes;
 
 use crate::frame::batch::Batch;
 use crate::frame::camera::{Frustum, Side};
@@ -64,7 +65,8 @@ impl<'a> DrawList<'a> {
             let first = list.instances.len();
             for &(key, side) in &cells {
                 let cell = &placed.cells[(key & INDEX) as usize];
-                list.add_cell((drawable.asset, &placed), cell, (&frustum, frame.camera.eye), (side, all));
+                let view = (&frustum, frame.camera.eye, &frame.settings.sections);
+                list.add_cell((drawable.asset, &placed), cell, view, (side, all));
             }
             let end = list.instances.len();
             counters.instances_culled += (drawable.instances.len() - (end - first)) as u32;
@@ -91,7 +93,7 @@ impl<'a> DrawList<'a> {
         &mut self,
         (asset, placed): (&AssetGpu, &PlacedDrawable<'_>),
         cell: &Cell,
-        (frustum, eye): (&Frustum, DVec3),
+        (frustum, eye, sections): (&Frustum, DVec3, &SectionPlanes),
         (side, all): (Side, bool),
     ) {
         // Most cells lie between the nearest and the farthest.
@@ -102,6 +104,7 @@ impl<'a> DrawList<'a> {
             if side == Side::Across {
                 in_view = frustum.side(sphere.centre - eye, sphere.radius) != Side::Out;
             }
+            in_view &= !sections.cut_sphere(sphere.centre, sphere.radius);
             if !in_view && !all {
                 continue;
             }

@@ -12,6 +12,8 @@ pub enum PassId {
     Overdraw,
     /// Draws surfaces into depth, normal and albedo.
     GBuffer,
+    /// Depth of the caps of solids that section planes cut.
+    Caps,
     /// Ambient occlusion by one of [`crate::OcclusionMethod`], in 16 rotations.
     Occlusion,
     /// 4×4 blur that removes the rotation's pattern.
@@ -72,6 +74,7 @@ impl PassId {
             Self::Patches => "patches",
             Self::Overdraw => "overdraw",
             Self::GBuffer => "g_buffer",
+            Self::Caps => "caps",
             Self::Occlusion => "occlusion",
             Self::OcclusionBlur => "occlusion_blur",
             Self::ShadowMaps => "shadow_maps",
@@ -165,6 +168,8 @@ impl Pass {
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Needs {
     pub(crate) geometry: bool,
+    /// There are section planes.
+    pub(crate) sections: bool,
     /// PN triangles are drawn.
     pub(crate) curved: bool,
     pub(crate) occlusion: bool,
@@ -215,6 +220,9 @@ pub(crate) fn candidates(needs: Needs) -> Vec<Pass> {
         let drawn_by: &[Resource] = if needs.curved { &[Patches] } else { &[] };
         passes.push(pass(PassId::Patches, &[], &[Patches]));
         passes.push(pass(PassId::GBuffer, drawn_by, &[Depth, Normal, Albedo]));
+        if needs.sections {
+            passes.push(pass(PassId::Caps, &[Depth, Normal], &[Depth]));
+        }
         if needs.shown.is_some_and(|shown| shown.contains(&Overdraw)) {
             // Drawn with its own depth test, from cleared depth.
             passes.push(pass(PassId::Overdraw, drawn_by, &[Depth, Overdraw]));
@@ -517,6 +525,8 @@ mod tests {
                 drawn_normals: bit(18),
                 half_occlusion: bit(19),
                 ink: bit(20),
+                // Reads and writes what the pass before it does.
+                sections: bit(17),
             };
             let mut written = Vec::new();
             for pass in plan(&candidates(needs), &[Resource::Target]) {

@@ -5,6 +5,7 @@ use std::sync::{Arc, OnceLock};
 use crate::frame::fullscreen::fullscreen_pipeline;
 use crate::frame::targets::{DISPLAY, OCCLUSION, OCCLUSION_MEAN, RADIANCE, SUNLIGHT};
 use crate::passes::bloom::BloomPipelines;
+use crate::passes::caps::Caps;
 use crate::passes::floor::FloorPipelines;
 use crate::passes::gbuffer::{ADD, UNIFORM_BLOCK, shader};
 #[cfg(any(test, feature = "methods"))]
@@ -195,8 +196,12 @@ pub(crate) struct Pipelines {
     /// Group 0 of the geometry passes: the frame's uniform block.
     pub(crate) frame_layout: wgpu::BindGroupLayout,
     pub(crate) meshes: MeshPipelines,
+    /// Of meshes that section planes cut.
+    cut_meshes: OnceLock<MeshPipelines>,
+    caps: OnceLock<Caps>,
     kit: MaterialBindings,
-    patches: OnceLock<PatchPipelines>,
+    /// Whole, and cut by section planes.
+    patches: [OnceLock<PatchPipelines>; 2],
     terrain: OnceLock<TerrainPipelines>,
     /// Reflecting the sky only; and with screen-space reflections by linear and hierarchical search.
     water: [OnceLock<WaterPipelines>; 3],
@@ -222,9 +227,11 @@ impl Pipelines {
         let entry = wgpu::BindGroupLayoutEntry { visibility, ..UNIFORM_BLOCK };
         let frame_layout = group_layout(gpu, "frame", &[entry]);
         Self {
-            meshes: MeshPipelines::new(gpu, kit, &frame_layout),
+            meshes: MeshPipelines::new(gpu, (kit, &frame_layout), false),
+            cut_meshes: OnceLock::new(),
+            caps: OnceLock::new(),
             kit: kit.clone(),
-            patches: OnceLock::new(),
+            patches: Default::default(),
             terrain: OnceLock::new(),
             water: Default::default(),
             bloom: OnceLock::new(),
@@ -241,9 +248,24 @@ impl Pipelines {
         }
     }
 
-    /// Pipelines of PN triangles, for a device that can draw them.
-    pub(crate) fn patches(&self, gpu: &Gpu, settings: PnTriangles) -> &PatchPipelines {
-        self.patches.get_or_init(|| PatchPipelines::new(gpu, settings, (&self.kit, &self.frame_layout)))
+    /// Pipelines of meshes, of those that section planes cut or of whole ones.
+    pub(crate) fn meshes_of(&self, gpu: &Gpu, cut: bool) -> &MeshPipelines {
+        if !cut {
+            return &self.meshes;
+        }
+        self.cut_meshes.get_or_init(|| MeshPipelines::new(gpu, (&self.kit, &self.frame_layout), true))
+    }
+
+    /// The depth of caps.
+    pub(crate) fn caps(&self, gpu: &Gpu) -> &Caps {
+        self.caps.get_or_init(|| Caps::new(gpu))
+    }
+
+    /// Pipelines of PN triangles, for a device that can draw them; `cut` by section planes or whole. Their lists are the
+    /// same.
+    pub(crate) fn patches(&self, gpu: &Gpu, settings: PnTriangles, cut: bool) -> &PatchPipelines {
+        self.patches[usize::from(cut)]
+            .get_or_init(|| PatchPipelines::new(gpu, settings, (&self.kit, &self.frame_layout), cut))
     }
 
     /// Pipelines of terrain tiles.

@@ -3,6 +3,7 @@
 use lodestream_scene::placement::Placement;
 use lodestream_scene::pose::Pose;
 use lodestream_scene::punctual_lights::PunctualLight;
+use lodestream_scene::section::SectionPlanes;
 
 use crate::passes::bloom::Bloom;
 #[cfg(any(test, feature = "methods"))]
@@ -317,8 +318,8 @@ pub struct Settings {
     pub shadows: Option<Shadows>,
     /// How punctual lights are culled; `None` omits them.
     pub lights: Option<LightCulling>,
-    /// Draws the environment's haze. Without haze, the sky below the horizon shows the ground, so it needs other sky
-    /// maps.
+    /// Draws the environment's haze, but not in parallel projection. Without haze, the sky below the horizon shows the
+    /// ground, so it needs other sky maps.
     pub haze: bool,
     /// Emission of surfaces.
     pub emission: bool,
@@ -348,6 +349,11 @@ pub struct Settings {
     /// PN triangles: draws meshes' triangles as curved patches; `None` draws them flat. A device without storage
     /// buffers in vertex shaders draws them flat and logs a warning.
     pub pn_triangles: Option<PnTriangles>,
+    /// Section planes: what lies beyond one is cut away from meshes, and casts no shadow. Where a plane cuts a closed mesh
+    /// whose faces are wound counterclockwise seen from outside, a cap in the material's mean colour fills it; of open
+    /// meshes, the inside shows as a cap too. Transparent surfaces are cut without caps; terrain and water are not cut.
+    /// The first frame with planes compiles pipelines.
+    pub sections: SectionPlanes,
     /// Draws the frame's water.
     pub water: bool,
     /// Screen-space reflections on smooth surfaces and water; `None` reflects the sky only and saves two passes.
@@ -397,6 +403,7 @@ impl Default for Settings {
             relief_in_depth: false,
             #[cfg(any(test, feature = "methods"))]
             pn_triangles: None,
+            sections: SectionPlanes::NONE,
             water: true,
             reflections: None,
             bloom: None,

@@ -2,6 +2,7 @@
 
 use bytemuck::{Pod, Zeroable};
 use glam::{DVec3, Mat4};
+use lodestream_scene::section::{MAX_SECTION_PLANES, SectionPlanes};
 
 use crate::frame::accumulation::AccumulationStep;
 use crate::frame::camera::{clip_from_view, view_from_world};
@@ -18,6 +19,7 @@ use crate::passes::temporal::TemporalStep;
 pub(crate) struct FrameUniform {
     clip_from_view: [[f32; 4]; 4],
     view_from_world: [[f32; 4]; 4],
+    /// Direction; [`lodestream_scene::pose::Pose::depth_factor`].
     to_sun: [f32; 4],
     /// Radiance of the sun; extinction by water.
     sun: [f32; 4],
@@ -28,6 +30,8 @@ pub(crate) struct FrameUniform {
     sun_disc: [f32; 4],
     before: [[f32; 4]; 4],
     irradiance: [[f32; 4]; 9],
+    /// Section planes relative to the eye: normal and distance.
+    sections: [[f32; 4]; MAX_SECTION_PLANES],
     size_px: [f32; 2],
     tan_half_fov: [f32; 2],
     near: f32,
@@ -74,7 +78,7 @@ impl FrameUniform {
         let occlusion = frame.settings.occlusion.unwrap_or_default();
         let (radius_world, radius_depth) = match occlusion.radius {
             OcclusionRadius::World(r) => (r, 0.0),
-            OcclusionRadius::Depth(f) => (0.0, f),
+            OcclusionRadius::Depth(f) => (0.0, f * camera.depth_factor() as f32),
         };
         let samples = occlusion.samples.clamp(1, MAX_SAMPLES);
         let mut kernel = [[0.0; 4]; MAX_SAMPLES as usize];
@@ -85,13 +89,14 @@ impl FrameUniform {
         Self {
             clip_from_view: step.jittered(clip_from_view(camera, near, (width, height)), (width, height)),
             view_from_world: view_from_world(camera).to_cols_array_2d(),
-            to_sun: direction(sky.to_sun, 0.0),
+            to_sun: direction(sky.to_sun, camera.depth_factor() as f32),
             sun: sky.sun.extend(step.water[1]).to_array(),
             up: direction(sky.up, step.water[0]),
             sky_side: direction(sky.side, sky.haze),
             sun_disc: sky.disc,
             before: step.before.to_cols_array_2d(),
             irradiance: sky.irradiance,
+            sections: sections(&frame.settings.sections, camera.eye),
             size_px: [width as f32, height as f32],
             tan_half_fov: [tx as f32, ty as f32],
             near: near as f32,
@@ -144,6 +149,15 @@ impl FrameUniform {
     }
 }
 
+/// Section planes relative to the eye; one that cuts nothing where there is none.
+fn sections(planes: &SectionPlanes, eye: DVec3) -> [[f32; 4]; MAX_SECTION_PLANES] {
+    let mut all = [[0.0, 0.0, 0.0, 1.0]; MAX_SECTION_PLANES];
+    for (slot, plane) in all.iter_mut().zip(planes.iter()) {
+        *slot = plane.normal().as_vec3().extend(-plane.beyond(eye) as f32).to_array();
+    }
+    all
+}
+
 /// Index of a relief method in `relief_methods.wgsl`.
 fn relief_method(method: ReliefMethod) -> u32 {
     match method {
@@ -166,8 +180,8 @@ mod tests {
 
     #[test]
     fn size_is_what_the_shader_declares() {
-        // Three matrices, fourteen vectors, 24 scalars, the kernel's vectors; WGSL's uniform layout
+        // Three matrices, seventeen vectors, 24 scalars, the kernel's vectors; WGSL's uniform layout
         // has no holes in that order.
-        assert_eq!(size_of::<FrameUniform>(), 3 * 64 + 14 * 16 + 24 * 4 + MAX_SAMPLES as usize * 16);
+        assert_eq!(size_of::<FrameUniform>(), 3 * 64 + 17 * 16 + 24 * 4 + MAX_SAMPLES as usize * 16);
     }
 }

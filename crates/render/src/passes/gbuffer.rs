@@ -146,6 +146,17 @@ impl GeometryPass<'_> {
         self.count(gpu, (self.module, entry), constants, Raster::FILL)
     }
 
+    /// Counts fragments that section planes leave; `write`: those that pass the depth test among each other.
+    pub(crate) fn cut_overdraw(
+        &self,
+        gpu: &Gpu,
+        entry: [&str; 2],
+        constants: &[(&str, f64)],
+        write: bool,
+    ) -> wgpu::RenderPipeline {
+        self.count(gpu, (self.module, entry), constants, Raster { write, ..Raster::FILL })
+    }
+
     /// Counts transparent fragments, without writing depth.
     pub(crate) fn transparent_overdraw(&self, gpu: &Gpu, entry: &str) -> wgpu::RenderPipeline {
         let raster = Raster { write: false, ..Raster::FILL };

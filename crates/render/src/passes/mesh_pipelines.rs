@@ -41,7 +41,7 @@ macro_rules! relief_searches {
 macro_rules! text {
     ($found:literal, [$($vertex:literal),+] $(, $more:literal)*) => {
         concat!(
-            wgsl!("common", "targets", "anisotropic", "gbuffer", "tiled", "relief"),
+            wgsl!("common", "section", "targets", "anisotropic", "gbuffer", "tiled", "relief"),
             relief_searches!(),
             wgsl!($found, "placement", $($vertex,)+ $($more),*)
         )
@@ -98,6 +98,8 @@ pub(crate) struct ReliefDraw {
 #[derive(Debug)]
 pub(crate) struct MeshPipelines {
     texts: &'static Texts,
+    /// Section planes cut what is drawn.
+    cut: bool,
     /// Vertex buffer layouts: of all passes but motion, and of the motion pass.
     buffers: [&'static [Option<wgpu::VertexBufferLayout<'static>>]; 2],
     /// Layout of group 3: patch lists, for PN triangles.
@@ -158,33 +160,27 @@ fn variant(of: Features) -> usize {
     usize::from(of.maps) | usize::from(of.mask) << 1 | usize::from(of.tiled) << 2
 }
 
-/// Override constants of a variant.
-fn constants(relief: bool, of: Features) -> [(&'static str, f64); 4] {
-    [("RELIEF", relief), ("MAPS", of.maps), ("MASK", of.mask), ("TILED", of.tiled)]
-        .map(|(name, on)| (name, f64::from(u8::from(on))))
-}
-
 /// Override constant of shaders that look only at tiles.
 fn tiled(of: Features) -> [(&'static str, f64); 1] {
     [("TILED", f64::from(u8::from(of.tiled)))]
 }
 
 impl MeshPipelines {
-    /// Pipelines for flat triangles.
-    pub(crate) fn new(gpu: &Gpu, kit: &MaterialBindings, frame_layout: &wgpu::BindGroupLayout) -> Self {
-        Self::of(gpu, (&MESH, [&BUFFERS[..2], &BUFFERS]), None, (kit, frame_layout))
+    /// Pipelines for flat triangles; `cut`: by section planes.
+    pub(crate) fn new(gpu: &Gpu, layouts: (&MaterialBindings, &wgpu::BindGroupLayout), cut: bool) -> Self {
+        Self::of(gpu, (&MESH, [&BUFFERS[..2], &BUFFERS]), None, layouts, cut)
     }
 
     #[cfg(any(test, feature = "methods"))]
     /// Pipelines for PN triangles, with the vertices of their grids and the layout of their lists.
     pub(crate) fn curved(
         gpu: &Gpu,
-        kit: &MaterialBindings,
-        frame_layout: &wgpu::BindGroupLayout,
+        layouts: (&MaterialBindings, &wgpu::BindGroupLayout),
         grid: &'static [Option<wgpu::VertexBufferLayout<'static>>],
         lists: wgpu::BindGroupLayout,
+        cut: bool,
     ) -> Self {
-        Self::of(gpu, (&CURVED, [grid; 2]), Some(lists), (kit, frame_layout))
+        Self::of(gpu, (&CURVED, [grid; 2]), Some(lists), layouts, cut)
     }
 
     fn of(
@@ -192,6 +188,7 @@ impl MeshPipelines {
         (texts, buffers): (&'static Texts, [&'static [Option<wgpu::VertexBufferLayout<'static>>]; 2]),
         lists: Option<wgpu::BindGroupLayout>,
         (kit, frame): (&MaterialBindings, &wgpu::BindGroupLayout),
+        cut: bool,
     ) -> Self {
         let material = &kit.layout;
         let tiles = &kit.tiles.layout;
@@ -202,6 +199,7 @@ impl MeshPipelines {
             material: material.clone(),
             tiles: tiles.clone(),
             texts,
+            cut,
             buffers,
             lists,
             lit: Default::default(),
@@ -224,6 +222,13 @@ impl MeshPipelines {
         }
     }
 
+    /// Override constants of a variant.
+    fn constants(&self, relief: bool, of: Features) -> [(&'static str, f64); 5] {
+        let Features { maps, mask, tiled, .. } = of;
+        [("RELIEF", relief), ("MAPS", maps), ("MASK", mask), ("TILED", tiled), ("SECTIONS", self.cut)]
+            .map(|(name, on)| (name, f64::from(u8::from(on))))
+    }
+
     fn module(&self, gpu: &Gpu) -> &wgpu::ShaderModule {
         self.module.get_or_init(|| shader(gpu, "gbuffer", self.texts.surface))
     }
@@ -243,12 +248,25 @@ impl MeshPipelines {
 
     /// Wireframe; `None` where the device cannot draw triangles as lines.
     pub(crate) fn wire(&self, gpu: &Gpu) -> Option<&wgpu::RenderPipeline> {
-        self.wire.get_or_init(|| self.pass(gpu).wire(gpu, ["vs_wire", "fs_wire"])).as_ref()
+        self.wire
+            .get_or_init(|| {
+                self.pass(gpu).wire(gpu, ["vs_wire", if self.cut { "fs_cut_wire" } else { "fs_wire" }])
+            })
+            .as_ref()
     }
 
     /// Opaque shadow casters; needs group 1 for the states of parts.
     pub(crate) fn caster(&self, gpu: &Gpu) -> &wgpu::RenderPipeline {
-        self.caster.get_or_init(|| self.pass(gpu).caster(gpu, "vs_caster"))
+        self.caster.get_or_init(|| match self.cut {
+            false => self.pass(gpu).caster(gpu, "vs_caster"),
+            true => self.cut_caster(gpu, Features::default()),
+        })
+    }
+
+    /// Shadow casters that section planes cut.
+    fn cut_caster(&self, gpu: &Gpu, material: Features) -> wgpu::RenderPipeline {
+        let constants = self.constants(false, material);
+        self.pass(gpu).pierced_caster(gpu, ["vs_surface", "fs_cut_caster"], &constants)
     }
 
     /// Compiles the pipelines that a material needs beyond those of the settings alone.
@@ -273,7 +291,7 @@ impl MeshPipelines {
     pub(crate) fn surface(&self, gpu: &Gpu, material: Features, relief: bool) -> &wgpu::RenderPipeline {
         let relief = relief && material.relief;
         self.surfaces[usize::from(relief)][variant(material)].get_or_init(|| {
-            self.pass(gpu).surface(gpu, ["vs_surface", "fs_surface"], &constants(relief, material))
+            self.pass(gpu).surface(gpu, ["vs_surface", "fs_surface"], &self.constants(relief, material))
         })
     }
 
@@ -295,7 +313,11 @@ impl MeshPipelines {
                 .map_or_else(|| self.module(gpu), |acceleration| self.accelerated(gpu, acceleration));
             let layout = if acceleration.is_some() { &self.accelerated_layout } else { &self.layout };
             let fragment = if deep { "fs_deep_surface" } else { "fs_surface" };
-            self.pass_of(module, layout).surface(gpu, ["vs_surface", fragment], &constants(true, material))
+            self.pass_of(module, layout).surface(
+                gpu,
+                ["vs_surface", fragment],
+                &self.constants(true, material),
+            )
         })
     }
 
@@ -308,14 +330,15 @@ impl MeshPipelines {
     pub(crate) fn sunken_caster(&self, gpu: &Gpu, material: Features) -> &wgpu::RenderPipeline {
         let material = Features { maps: false, ..material };
         self.sunken_casters[variant(material)].get_or_init(|| {
-            self.pass(gpu).sunken_caster(gpu, ["vs_surface", "fs_sunken"], &constants(false, material))
+            self.pass(gpu).sunken_caster(gpu, ["vs_surface", "fs_sunken"], &self.constants(false, material))
         })
     }
 
     /// Alpha-tested shadow casters; needs group 1.
     pub(crate) fn pierced_caster(&self, gpu: &Gpu, material: Features) -> &wgpu::RenderPipeline {
-        self.pierced_caster[usize::from(material.tiled)].get_or_init(|| {
-            self.pass(gpu).pierced_caster(gpu, ["vs_pierced", "fs_pierced"], &tiled(material))
+        self.pierced_caster[usize::from(material.tiled)].get_or_init(|| match self.cut {
+            false => self.pass(gpu).pierced_caster(gpu, ["vs_pierced", "fs_pierced"], &tiled(material)),
+            true => self.cut_caster(gpu, material),
         })
     }
 
@@ -365,7 +388,7 @@ impl MeshPipelines {
         let lit = self.lit(gpu, punctual_lights);
         let material = Features { mask: false, ..material };
         lit.pipelines[variant(material)].get_or_init(|| {
-            let constants = constants(false, material);
+            let constants = self.constants(false, material);
             let text = self.texts.transparent[usize::from(punctual_lights)];
             let module = lit.module.get_or_init(|| shader(gpu, "transparent", text));
             self.pass_of(module, &lit.layout).transparent(gpu, ["vs_surface", "fs_transparent"], &constants)
@@ -375,6 +398,16 @@ impl MeshPipelines {
     /// Overdraw counters.
     pub(crate) fn overdraw(&self, gpu: &Gpu, material: Features) -> &wgpu::RenderPipeline {
         let pass = self.pass(gpu);
+        if self.cut {
+            let (number, write) = match material {
+                Features { blend: true, .. } => (1, false),
+                Features { mask: true, tiled, .. } => (2 + usize::from(tiled), true),
+                _ => (0, true),
+            };
+            let entry = ["vs_surface", "fs_cut_overdraw"];
+            let constants = self.constants(false, material);
+            return self.overdraw[number].get_or_init(|| pass.cut_overdraw(gpu, entry, &constants, write));
+        }
         match material {
             Features { blend: true, .. } => {
                 self.overdraw[1].get_or_init(|| pass.transparent_overdraw(gpu, "vs_caster"))

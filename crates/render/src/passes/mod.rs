@@ -1,6 +1,7 @@
 //! The passes of a frame, one file or folder each.
 
 pub(crate) mod bloom;
+pub(crate) mod caps;
 pub(crate) mod debug;
 pub(crate) mod floor;
 pub(crate) mod gbuffer;

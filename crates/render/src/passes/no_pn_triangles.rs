@@ -28,6 +28,7 @@ impl PatchPipelines {
         _: &Gpu,
         settings: PnTriangles,
         _: (&MaterialBindings, &wgpu::BindGroupLayout),
+        _: bool,
     ) -> Self {
         match settings {}
     }

@@ -279,7 +279,9 @@ impl Renderer {
         let placed = &self.placed;
         let memory = std::mem::take(&mut self.memory);
         let mut list = DrawList::new(frame, size, placed, memory, &mut counters);
-        let haze = frame.environment.haze.filter(|_| frame.settings.haze);
+        // The eye of a parallel projection has no distance that haze could thicken with.
+        let has_haze = frame.settings.haze && !frame.camera.is_orthographic();
+        let haze = frame.environment.haze.filter(|_| has_haze);
         let sky = self.sky.light(gpu, &Environment { haze, ..frame.environment }, frame.sky);
         let shadows = frame.settings.shadows.filter(|_| sky.sun.max_element() > 0.0);
         let shadows = shadows.map(|shadows| shadows.clamped(gpu.device.limits().max_texture_dimension_2d));
@@ -346,6 +348,7 @@ impl Renderer {
         let plan = graph::plan(
             &graph::candidates(Needs {
                 geometry: has_surfaces,
+                sections: !frame.settings.sections.is_empty(),
                 curved: curved.is_some(),
                 occlusion,
                 drawn_normals: accumulated.normals == OcclusionNormals::Drawn,
@@ -399,7 +402,7 @@ impl Renderer {
             let seen = list.batches.iter().flat_map(|batch| batch.listed(true));
             let parts = seen.chain(casters.flat_map(|batch| batch.listed(false)));
             let inputs = PatchInputs { settings, instances, before };
-            self.patches.plan(gpu, self.pipelines.patches(gpu, settings), inputs, parts)?;
+            self.patches.plan(gpu, self.pipelines.patches(gpu, settings, false), inputs, parts)?;
         }
         self.calls.clear();
         let lists = curved.map(|_| &self.patches);
@@ -558,8 +561,15 @@ fn meshes<'a>(
         &'a wgpu::BindGroup,
     ),
 ) -> Option<Meshes<'a>> {
-    let curved = frame.settings.curves(gpu).map(|settings| (pipelines.patches(gpu, settings), lists));
-    Some(Meshes { plain: &pipelines.meshes, instances: instances.buffer()?, curved, calls, tiles })
+    let cut = !frame.settings.sections.is_empty();
+    let curved = frame.settings.curves(gpu).map(|settings| (pipelines.patches(gpu, settings, cut), lists));
+    Some(Meshes {
+        plain: pipelines.meshes_of(gpu, cut),
+        instances: instances.buffer()?,
+        curved,
+        calls,
+        tiles,
+    })
 }
 
 /// The render size for a target.

@@ -43,6 +43,11 @@ impl Renderer {
             PassId::GBuffer | PassId::Overdraw | PassId::Emission | PassId::Transparency | PassId::Edges => {
                 self.geometry(gpu, encoder, pass.id, frame, (list, groups, ground), counters)
             }
+            PassId::Caps => {
+                if let (Some(depth), Some(normal)) = (self.targets.view(Depth), self.targets.view(Normal)) {
+                    self.pipelines.caps(gpu).record(gpu, encoder, &self.frame_buffer, &normal, &depth);
+                }
+            }
             PassId::Occlusion => self.occlusion(gpu, encoder, pass, accumulated),
             PassId::OcclusionBlur if pass.reads(OcclusionHalf) => {
                 full(encoder, p(FullscreenPass::Upsample), &[Depth, OcclusionHalf], Occlusion);
@@ -105,7 +110,7 @@ impl Renderer {
             }
             PassId::Patches => {
                 if let Some(settings) = frame.settings.curves(gpu) {
-                    let pipelines = self.pipelines.patches(gpu, settings);
+                    let pipelines = self.pipelines.patches(gpu, settings, false);
                     let ranges = list.batches.iter().map(Batch::range);
                     self.patches.record((gpu, pipelines), encoder, pass.id, &self.frame_group, ranges);
                 }

@@ -5,13 +5,14 @@
 struct Frame {
     clip_from_view: mat4x4<f32>,
     view_from_world: mat4x4<f32>, // rotation only
-    to_sun: vec4<f32>,
+    to_sun: vec4<f32>, // w: factor on tolerances that are shares of the depth, 1 but in parallel projection
     sun: vec4<f32>, // w: extinction of green light by water per world unit
     up: vec4<f32>, // w: height of the eye over water, 0 where there is none; both only where frames are added up
     sky_side: vec4<f32>, // across up, towards where the sun stands; w: extinction by haze per world unit
     sun_disc: vec4<f32>, // radiance; w: angular radius
     before: mat4x4<f32>, // to clip space of the frame before, without jitter, from places relative to this frame's eye
     irradiance: array<vec4<f32>, 9>, // see ambient() in sky.wgsl
+    sections: array<vec4<f32>, 3>, // what lies where dot(xyz, place) > w is cut away; (0, 0, 0, 1): none
     size_px: vec2<f32>,
     tan_half_fov: vec2<f32>,
     near: f32,
@@ -47,6 +48,9 @@ const MAX_RADIANCE: f32 = 65504.0;
 
 // What an edge of a triangle adds to the count of a pixel that it crosses.
 const EDGE: f32 = 0.0625;
+
+// Share of their depth by which edges are drawn before their faces.
+const WIRE_AHEAD: f32 = 0.002;
 
 // View depth where nothing was drawn.
 const FAR: f32 = 1e30;

@@ -3,6 +3,9 @@
 @fragment
 fn fs_transparent(s: Surface, @builtin(front_facing) front: bool) -> @location(0) vec4<f32> {
     let surface = shaded(s, front);
+    if (SECTIONS && is_cut(s.position)) {
+        discard;
+    }
     let opacity = clamp(surface.opacity, 0.0, 1.0);
     if (material.unlit == 1u) {
         return vec4(surface.albedo * opacity, opacity);

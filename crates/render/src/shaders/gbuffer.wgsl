@@ -1,10 +1,12 @@
 // Writes the G-buffer: depth, world normal, roughness, occlusion, albedo and metalness.
 
-// Compiled in only for materials with a height map, a normal or surface map, alpha test, or maps with tiled levels.
+// Compiled in only for materials with a height map, a normal or surface map, alpha test, or maps with tiled levels, and with
+// section planes.
 override RELIEF: bool = false;
 override MAPS: bool = false;
 override MASK: bool = false;
 override TILED: bool = false;
+override SECTIONS: bool = false;
 
 // A map with tiled levels (tiled.wgsl).
 struct TiledMap {
@@ -173,11 +175,36 @@ fn shaded(s: Surface, front: bool) -> Shaded {
     return out;
 }
 
+// The surface that fills a solid where a section plane cuts it, in the mean of its colours.
+fn cap(s: Surface, plane: u32) -> GBuffer {
+    let mean = textureSampleLevel(colour_map, map_sampler, vec2(0.5), f32(textureNumLevels(colour_map)) - 1.0);
+    var albedo = tinted((material.base_colour * s.colour * mean).rgb, s.tint);
+    if (frame.shade == 1u) {
+        albedo = level_colour(s.level);
+    }
+    return g_buffer(frame.sections[plane].xyz, CAP_ROUGHNESS, 1.0, albedo, 0.0, material.unlit == 1u);
+}
+
+// The plane whose cap hides a fragment; SECTION_PLANES if none does. Back faces are seen only through a cut; an eye that is
+// itself in what is kept sees those of open meshes.
+fn cap_before(s: Surface, front: bool) -> u32 {
+    if (front) {
+        return SECTION_PLANES;
+    }
+    return section_entry(s.position).plane;
+}
+
 @fragment
 fn fs_surface(s: Surface, @builtin(front_facing) front: bool) -> GBuffer {
     let surface = shaded(s, front);
-    if (MASK && surface.opacity < material.cutoff) {
+    if ((MASK && surface.opacity < material.cutoff) || (SECTIONS && is_cut(s.position))) {
         discard;
+    }
+    if (SECTIONS) {
+        let plane = cap_before(s, front);
+        if (plane < SECTION_PLANES) {
+            return cap(s, plane);
+        }
     }
     return g_buffer(surface.normal, surface.roughness, surface.occlusion, surface.albedo, surface.metal, material.unlit == 1u);
 }
@@ -192,8 +219,15 @@ struct DeepGBuffer {
 @fragment
 fn fs_deep_surface(s: Surface, @builtin(front_facing) front: bool) -> DeepGBuffer {
     let surface = shaded(s, front);
-    if (MASK && surface.opacity < material.cutoff) {
+    if ((MASK && surface.opacity < material.cutoff) || (SECTIONS && is_cut(s.position))) {
         discard;
+    }
+    if (SECTIONS) {
+        let plane = cap_before(s, front);
+        if (plane < SECTION_PLANES) {
+            let filled = cap(s, plane);
+            return DeepGBuffer(filled.normal, filled.albedo, s.clip.z);
+        }
     }
     let stored = g_buffer(surface.normal, surface.roughness, surface.occlusion, surface.albedo, surface.metal, material.unlit == 1u);
     let ahead = -(frame.view_from_world * vec4(surface.at, 0.0)).z;
@@ -221,6 +255,9 @@ fn fs_sunken(s: Surface, @builtin(front_facing) front: bool) -> @builtin(frag_de
     }
     let along = gradients(normal, dp_dx, dp_dy, dpdx(s.uv), dpdy(s.uv));
     if (MASK && material.base_colour.a * s.colour.a * map_opacity(s.uv) < material.cutoff) {
+        discard;
+    }
+    if (SECTIONS && is_cut(s.position)) {
         discard;
     }
     let density = sqrt(length(along.u) * length(along.v));
@@ -260,5 +297,37 @@ fn fs_pierced_overdraw(p: Pierced) -> @location(0) vec4<f32> {
 // Edges, counted.
 @fragment
 fn fs_wire() -> @location(0) vec4<f32> {
+    return vec4(EDGE, 0.0, 0.0, 1.0);
+}
+
+// With section planes: whether nothing of a surface is at a fragment. In uniform control flow, for derivatives.
+fn is_cut_or_hole(s: Surface) -> bool {
+    let hole = MASK && material.base_colour.a * s.colour.a * map_opacity(s.uv) < material.cutoff;
+    return hole || is_cut(s.position);
+}
+
+// Shadow casters with section planes. The sun sees no caps: what it sees through a cut lies below them.
+@fragment
+fn fs_cut_caster(s: Surface) {
+    if (is_cut_or_hole(s)) {
+        discard;
+    }
+}
+
+@fragment
+fn fs_cut_overdraw(s: Surface) -> @location(0) vec4<f32> {
+    if (is_cut_or_hole(s)) {
+        discard;
+    }
+    return vec4(1.0, 0.0, 0.0, 0.0);
+}
+
+// The place of an edge is that of its pixel.
+@fragment
+fn fs_cut_wire(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
+    let depth = frame.near * (1.0 + WIRE_AHEAD * frame.to_sun.w) / at.z;
+    if (is_cut((transpose(frame.view_from_world) * vec4(view_ray(vec2<i32>(at.xy)) * depth, 0.0)).xyz)) {
+        discard;
+    }
     return vec4(EDGE, 0.0, 0.0, 1.0);
 }

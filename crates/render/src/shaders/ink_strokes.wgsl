@@ -53,7 +53,14 @@ fn is_seen(spine: vec2<f32>, depth: f32) -> bool {
             furthest = min(furthest, textureLoad(depth_map, clamp(pixel + vec2(x, y), vec2(0), last), 0).x);
         }
     }
-    return depth >= furthest * (1.0 - BIAS);
+    return depth >= furthest * (1.0 - BIAS * frame.to_sun.w);
+}
+
+// Whether a section plane cuts away a point of a spine.
+fn is_cut_there(spine: vec2<f32>, stored: f32) -> bool {
+    let ndc = ((spine + frame.jitter) / frame.size_px * 2.0 - 1.0) * vec2(1.0, -1.0);
+    let place = vec3(ndc * frame.tan_half_fov, -1.0) * view_depth(stored);
+    return is_cut((transpose(frame.view_from_world) * vec4(place, 0.0)).xyz);
 }
 
 @fragment
@@ -63,7 +70,8 @@ fn fs_stroke(c: Capsule) -> @location(0) vec4<f32> {
     let share = clamp(dot(c.clip.xy - c.start.xy, way) / max(square, 1e-12), 0.0, 1.0);
     let spine = c.start.xy + way * share;
     let cover = covered(length(c.clip.xy - spine), c.half_width);
-    if (cover <= 0.0 || !is_seen(spine, mix(c.start.z, c.end.z, share))) {
+    let stored = mix(c.start.z, c.end.z, share);
+    if (cover <= 0.0 || !is_seen(spine, stored) || is_cut_there(spine, stored)) {
         discard;
     }
     return vec4(cover, 0.0, 0.0, 0.0);

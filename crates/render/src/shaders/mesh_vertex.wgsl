@@ -115,6 +115,6 @@ fn vs_pierced(v: VertexIn) -> Pierced {
 @vertex
 fn vs_wire(v: VertexIn) -> @builtin(position) vec4<f32> {
     var clip = shown(placed(v), part_state(v));
-    clip.z *= 1.002;
+    clip.z *= 1.0 + WIRE_AHEAD * frame.to_sun.w;
     return clip;
 }

@@ -155,6 +155,6 @@ fn vs_pierced(v: VertexIn) -> Pierced {
 @vertex
 fn vs_wire(v: VertexIn) -> @builtin(position) vec4<f32> {
     var clip = clip_position(placed(v, patch_point(v)));
-    clip.z *= 1.002;
+    clip.z *= 1.0 + WIRE_AHEAD * frame.to_sun.w;
     return clip;
 }

@@ -14,8 +14,8 @@ override MOTION: bool = false;
 
 // Allowed distance of the history from the neighbourhood's mean, in standard deviations.
 const DEVIATIONS: f32 = 1.0;
-// Depth ratio from which one surface counts as in front of another.
-const BEFORE: f32 = 1.1;
+// Share of its depth by which one surface is nearer than another to count as in front of it.
+const BEFORE: f32 = 0.1;
 // Reduction of the history's weight per pixel of motion: fast objects need less sharpness, and contours of round
 // objects do not move with their surface.
 const HASTE: f32 = 0.4;
@@ -118,7 +118,7 @@ fn fs_temporal(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     var squares = vec3(0.0);
     var counted = 0.0;
     var nearest = pixel;
-    let least = textureLoad(depth_map, pixel, 0).x * BEFORE;
+    let least = textureLoad(depth_map, pixel, 0).x * (1.0 + BEFORE * frame.to_sun.w);
     var depth = 1e30;
     for (var y = -1; y <= 1; y++) {
         for (var x = -1; x <= 1; x++) {

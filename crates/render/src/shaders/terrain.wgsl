@@ -319,7 +319,7 @@ fn vs_terrain_caster(tile: TileIn) -> @builtin(position) vec4<f32> {
 @vertex
 fn vs_terrain_wire(tile: TileIn) -> @builtin(position) vec4<f32> {
     var clip = clip_position(place(tile).position);
-    clip.z *= 1.002;
+    clip.z *= 1.0 + WIRE_AHEAD * frame.to_sun.w;
     return clip;
 }
 

@@ -55,7 +55,7 @@ fn is_inside(pixel: vec2<i32>) -> bool {
 
 // Whether depths that a ray goes through, as they are stored, meet a surface.
 fn meets(nearer: f32, further: f32, surface: f32) -> bool {
-    return surface > 0.0 && further <= surface && surface <= nearer * (1.0 + tracing.thickness);
+    return surface > 0.0 && further <= surface && surface <= nearer * (1.0 + tracing.thickness * frame.to_sun.w);
 }
 
 // The pixel where a line meets something; (-1, -1) where it meets nothing.

@@ -27,6 +27,7 @@ mod moved_parts;
 mod occlusion;
 mod occlusion_half;
 mod occlusion_rays;
+mod orthographic;
 mod parts;
 mod pictures;
 mod pn_triangles;
@@ -34,6 +35,7 @@ mod reflections;
 mod relief;
 #[cfg(feature = "client")]
 mod scene_parts;
+mod section;
 mod shadows;
 mod shapes;
 mod spheres;

@@ -10,7 +10,7 @@ use crate::resources::gpu::Gpu;
 
 const ADJACENCY: &str = wgsl!("ink_adjacency");
 const LIST: &str = wgsl!("common", "placement", "ink_contour", "ink_list");
-const DRAWN: &str = wgsl!("common", "ink_uniform", "ink_strokes");
+const DRAWN: &str = wgsl!("common", "section", "ink_uniform", "ink_strokes");
 const MIXED: &str = wgsl!("common", "fullscreen", "ink_uniform", "ink");
 
 /// Crossing strokes keep the darker value, so their order does not matter.

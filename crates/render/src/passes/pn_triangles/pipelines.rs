@@ -18,15 +18,16 @@ pub(crate) struct PatchPipelines {
 }
 
 impl PatchPipelines {
-    /// Creates the layouts; compiles nothing. Only settings of PN triangles need it.
+    /// Creates the layouts; compiles nothing. Only settings of PN triangles need it. `cut`: by section planes.
     pub(crate) fn new(
         gpu: &Gpu,
         _: super::PnTriangles,
         (kit, frame_layout): (&MaterialBindings, &wgpu::BindGroupLayout),
+        cut: bool,
     ) -> Self {
         let list_layout = list_layout(gpu);
         Self {
-            meshes: MeshPipelines::curved(gpu, kit, frame_layout, &GRID_VERTICES, list_layout.clone()),
+            meshes: MeshPipelines::curved(gpu, (kit, frame_layout), &GRID_VERTICES, list_layout.clone(), cut),
             frame_layout: frame_layout.clone(),
             list_layout,
             makers: OnceLock::new(),

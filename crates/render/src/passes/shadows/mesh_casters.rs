@@ -4,6 +4,7 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use glam::DVec3;
+use lodestream_scene::section::SectionPlanes;
 
 use super::Cascade;
 use crate::frame::batch::Batch;
@@ -37,6 +38,7 @@ struct SelectionInput {
     curved: Option<u64>,
     /// Relief writes depth.
     deep: bool,
+    sections: SectionPlanes,
     /// Time of the frame in bits, while meshes morph.
     time: Option<u32>,
 }
@@ -72,13 +74,18 @@ impl MeshCasters {
             placed: placed.changes(),
             curved: curved.map(PnTriangles::key),
             deep: frame.settings.relief && frame.settings.relief_in_depth,
+            sections: frame.settings.sections,
             time: morphs.then_some(frame.time_s.to_bits()),
         };
         if let Some(before) = before.filter(|before| before.input == input) {
             return Arc::clone(before);
         }
         let top = cascades.last().map_or(0.0, |cascade| cascade.above);
-        let key = input.curved.into_iter().collect();
+        let planes = input
+            .sections
+            .iter()
+            .flat_map(|plane| [plane.distance()].into_iter().chain(plane.normal().to_array()));
+        let key = input.curved.into_iter().chain(planes.map(f64::to_bits)).collect();
         let mut this = Self { input, drawables: Vec::new(), selected: Vec::new(), top, key };
         for (number, (drawable, placed)) in frame.drawables.iter().zip(placed.drawables()).enumerate() {
             if placed.look.is_some() {
@@ -90,7 +97,7 @@ impl MeshCasters {
 
     fn add(&mut self, frame: &Frame<'_>, (number, asset): (usize, &AssetGpu), placed: &PlacedDrawable<'_>) {
         let first = self.selected.len();
-        let SelectionInput { cascades, margin, deep, .. } = &self.input;
+        let SelectionInput { cascades, margin, deep, sections, .. } = &self.input;
         let top_of = |centre, radius| top_of(cascades, *margin, DVec3::ZERO, (centre, radius));
         for cell in placed.cells {
             let all = cell.range();
@@ -100,7 +107,10 @@ impl MeshCasters {
             }
             for at in all {
                 let PlacedSphere { centre, radius } = placed.spheres[at];
-                let Some(top) = top_of(centre, radius) else { continue };
+                let Some(top) = top_of(centre, radius).filter(|_| !sections.cut_sphere(centre, radius))
+                else {
+                    continue;
+                };
                 if instance(asset, placed, at, frame.camera.eye).is_some() {
                     self.top = self.top.max(top);
                     self.selected.push(at as u32);
