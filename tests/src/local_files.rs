@@ -75,6 +75,39 @@ fn a_file_looks_as_a_server_shows_it_and_is_prepared_once() {
 }
 
 #[test]
+fn pictures_have_a_transparent_background_and_go_around() {
+    if skipped() {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    std::fs::write(at("ball.obj"), ball(30, 40)).unwrap();
+    std::fs::write(at("path.txt"), "eye=0,0,4;target=0,0,0\neye=0,0,8;target=0,0,0\n").unwrap();
+    let (file, cache) = (at("ball.obj"), at("cache"));
+    let drawn = |name: &str, more: &[&str]| {
+        let arguments = [&["--cache", cache.to_str().unwrap()], more].concat();
+        let output = Program::headless(file.to_str().unwrap(), &at(name), &arguments).end();
+        assert!(output.status.success(), "{}", errors(&output));
+    };
+    let open = |name: &str| image::open(at(name)).unwrap().into_rgba8();
+    drawn("usual.png", &[]);
+    drawn("clear.png", &["--transparent"]);
+    let (usual, clear) = (open("usual.png"), open("clear.png"));
+    let [width, height] = SIZE_PX;
+    assert_eq!(clear.get_pixel(0, 0).0, [0; 4]);
+    let middle = [usual, clear].map(|picture| picture.get_pixel(width / 2, height / 2).0);
+    assert_eq!(middle[1][3], 255);
+    // Dithering is left out.
+    assert!((0..3).all(|i| middle[0][i].abs_diff(middle[1][i]) <= 2), "{middle:?}");
+    drawn("around.png", &["--turntable", "2"]);
+    assert!(open("around-0001.png") != open("around-0002.png") && !at("around-0003.png").exists());
+    drawn("path.png", &["--transparent", "--camera-path", at("path.txt").to_str().unwrap()]);
+    let covered = |name: &str| open(name).pixels().filter(|pixel| pixel.0[3] > 0).count() as f64;
+    let ratio = covered("path-0001.png") / covered("path-0002.png");
+    assert!((3.5..5.5).contains(&ratio), "twice as far is a quarter: {ratio}");
+}
+
+#[test]
 fn a_bad_file_of_a_folder_is_named_and_the_others_are_shown() {
     if skipped() {
         return;

@@ -21,7 +21,11 @@ const GROUPS: [Group; 8] = [
         usual: &["window", "no_overlay", "settings"],
         rare: &["exit_when_settled", "timeout", "frames"],
     },
-    Group { title: "Picture", usual: &["headless", "output", "camera", "pixel_error"], rare: &[] },
+    Group {
+        title: "Picture",
+        usual: &["headless", "output", "transparent", "turntable", "camera_path", "camera", "pixel_error"],
+        rare: &[],
+    },
     Group {
         title: "Look",
         usual: &["view", "wireframe", "exposure", "tone_mapping"],

@@ -2,7 +2,7 @@
 
 use std::ffi::OsString;
 use std::net::SocketAddr;
-use std::num::NonZeroUsize;
+use std::num::{NonZeroU32, NonZeroUsize};
 use std::path::PathBuf;
 use std::str::FromStr;
 
@@ -85,6 +85,16 @@ pub(crate) struct Args {
     /// there. May be repeated, up to three planes
     #[arg(long, value_name = "X,Y,Z,D", allow_hyphen_values = true)]
     pub(crate) section: Vec<SectionArg>,
+    /// Write a picture with a transparent background
+    #[arg(long, requires = "headless")]
+    pub(crate) transparent: bool,
+    /// Write this many pictures from around the camera's target, numbered from FILE-0001.png
+    #[arg(long, value_name = "PICTURES", requires = "headless",
+        value_parser = picture_count)]
+    pub(crate) turntable: Option<NonZeroU32>,
+    /// Write a picture from each camera of a file, one a line as --camera has them, numbered from FILE-0001.png
+    #[arg(long, value_name = "FILE", requires = "headless", conflicts_with_all = ["turntable", "camera"])]
+    pub(crate) camera_path: Option<PathBuf>,
     /// Screen error to refine to, in pixels
     #[arg(long, value_name = "PX", default_value = "1")]
     pub(crate) pixel_error: PixelError,
@@ -234,6 +244,12 @@ fn named<T: Copy + Send + Sync + 'static>(
     let values: Vec<T> = values.into_iter().collect();
     let names = PossibleValuesParser::new(values.iter().map(|value| name(*value)).collect::<Vec<_>>());
     names.try_map(move |text| values.iter().copied().find(|value| name(*value) == text).ok_or("unknown name"))
+}
+
+/// Parses a number of pictures.
+fn picture_count(text: &str) -> Result<NonZeroU32, String> {
+    let count = text.parse().ok().filter(|count: &NonZeroU32| count.get() <= 100_000);
+    count.ok_or_else(|| "write a number of pictures from 1 to 100000".into())
 }
 
 /// Parses the width of strokes.

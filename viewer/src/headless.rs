@@ -5,10 +5,12 @@ use std::sync::mpsc;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, bail};
+use image::RgbaImage;
 use lodestream_client::net::{Address, Retry};
-use lodestream_client::streaming::{Status, Streaming};
-use lodestream_render::{Counters, Frame, Gpu, Headless, SceneView};
+use lodestream_client::streaming::{Controls, Status, Streaming};
+use lodestream_render::{AntiAliasing, Counters, Frame, Gpu, Headless, SceneView, Settings};
 use lodestream_scene::description::Camera;
+use lodestream_scene::view::View;
 
 use crate::args::Args;
 use crate::files::write_png;
@@ -16,12 +18,16 @@ use crate::frames::FrameLog;
 use crate::local::{LocalOptions, Preparation, Target};
 use crate::outcome::{Outcome, describe_end, describe_missing};
 use crate::run::{core_config, server, settings, write_statistics};
-use crate::{part_names, parts, signals, token};
+use crate::sequence::{self, numbered};
+use crate::{matte, part_names, parts, signals, token};
 
 /// Time limit of a run without `--timeout`.
 const DEFAULT_TIMEOUT: Duration = Duration::from_secs(300);
 /// Most attempts to reach the server.
 const ATTEMPTS: u32 = 3;
+
+/// Interval of questions whether another view is settled.
+const POLL: Duration = Duration::from_millis(5);
 
 /// Event that wakes the loop.
 enum Event {
@@ -136,11 +142,25 @@ pub(crate) fn run(args: &Args, target: Target) -> anyhow::Result<Outcome> {
             println!("{found}");
         }
     }
+    let start = camera(args, &scene).context("the server sent no scene")?;
+    match sequence::cameras(args, start)? {
+        None => write_png(output, &picture(&mut headless, &mut scene, args, &start)?)?,
+        Some(cameras) => {
+            for (number, camera) in (1..).zip(cameras) {
+                let camera = args.projected(camera);
+                // The first view may be settled already.
+                if let Some(signal) =
+                    settle(&mut streaming, &mut headless, &mut scene, args.view_of(&camera), &events)?
+                {
+                    tracing::warn!("interrupted: {} pictures were written", number - 1);
+                    return Ok(Outcome::Interrupted(signal));
+                }
+                write_png(&numbered(output, number), &picture(&mut headless, &mut scene, args, &camera)?)?;
+            }
+        }
+    }
     drop(streaming);
-    // At this time all morphs are over.
-    while draw(&mut headless, &mut scene, args, f32::MAX)?.is_unfinished() {}
     shown.note_times(headless.timings());
-    write_png(output, &headless.picture()?)?;
     if status.settled {
         shown.note_settled(clock.now().into());
     }
@@ -185,6 +205,67 @@ fn camera(args: &Args, scene: &SceneView) -> Option<Camera> {
     camera.map(|camera| args.projected(camera))
 }
 
+/// Moves to a view and waits until it is settled, or ends with what is damaged or refused; gives the number of a signal
+/// that has come.
+fn settle(
+    streaming: &mut Streaming,
+    headless: &mut Headless,
+    scene: &mut SceneView,
+    view: View,
+    events: &mpsc::Receiver<Event>,
+) -> anyhow::Result<Option<u8>> {
+    streaming.control(Controls { view: Some(view), shadows: None, leave: false });
+    // A question is answered before the core selects anew: only the second answer for this view counts.
+    let mut seen = 0;
+    loop {
+        let asked = streaming.ask(move |core| {
+            let done = core.is_settled() || core.lacking_blobs().next().is_some();
+            (core.view() == Some(view), done && !core.has_changes())
+        })?;
+        let (is_seen, is_done) = asked.wait()?;
+        seen += u32::from(is_seen);
+        while let Some(step) = streaming.take() {
+            scene.push(step);
+            scene.upload(headless.gpu(), headless.renderer(), usize::MAX, 0.0)?;
+        }
+        if let Some(end) = &streaming.status().end {
+            bail!("{}", describe_end(end));
+        }
+        if seen > 1 && is_done {
+            return Ok(None);
+        }
+        if let Ok(Event::End(signal)) = events.recv_timeout(POLL) {
+            return Ok(Some(signal));
+        }
+    }
+}
+
+/// The finished picture from a camera.
+fn picture(
+    headless: &mut Headless,
+    scene: &mut SceneView,
+    args: &Args,
+    camera: &Camera,
+) -> anyhow::Result<RgbaImage> {
+    let usual = settings(args, headless.gpu().is_software());
+    let mut drawn = |settings: &Settings| -> anyhow::Result<RgbaImage> {
+        // At this time all morphs are over.
+        while draw_with(headless, scene, args, camera, settings, f32::MAX)?.is_unfinished() {}
+        Ok(headless.picture()?)
+    };
+    if !args.transparent {
+        return drawn(&usual);
+    }
+    // Bloom would spread the white background, noise would differ, and a mean of frames would mix both.
+    let anti_aliasing = match usual.anti_aliasing {
+        AntiAliasing::Temporal => AntiAliasing::Spatial,
+        other => other,
+    };
+    let usual = Settings { anti_aliasing, bloom: None, dither: false, ..usual };
+    let plain = |radiance| Settings { background: Some([radiance; 3]), ..usual };
+    Ok(matte::matte(&drawn(&plain(0.0))?, &drawn(&plain(matte::WHITE))?))
+}
+
 fn draw(
     headless: &mut Headless,
     scene: &mut SceneView,
@@ -192,8 +273,19 @@ fn draw(
     time_s: f32,
 ) -> anyhow::Result<Counters> {
     let Some(start) = camera(args, scene) else { bail!("the server sent no scene") };
-    let camera = start.pose();
     let settings = settings(args, headless.gpu().is_software());
+    draw_with(headless, scene, args, &start, &settings, time_s)
+}
+
+fn draw_with(
+    headless: &mut Headless,
+    scene: &mut SceneView,
+    args: &Args,
+    camera: &Camera,
+    settings: &Settings,
+    time_s: f32,
+) -> anyhow::Result<Counters> {
+    let (camera, settings) = (camera.pose(), *settings);
     scene.move_ground(time_s);
     scene.prepare_ground(headless.gpu(), &camera, headless.size(), args.pixel_error.0, settings.shadows)?;
     let counters = scene.with_frame(camera, settings, time_s, |frame: &Frame<'_>| headless.frame(frame))?;

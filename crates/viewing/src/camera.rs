@@ -186,11 +186,18 @@ impl CameraController {
         self.now.target = (pivot + (self.target() - pivot) * factor).into();
     }
 
-    /// Moves by keys held for `seconds`.
+    /// Moves by keys held for `seconds`; in parallel projection, forward magnifies.
     pub fn push(&mut self, push: Push, fast: bool, seconds: f64) {
-        let [right, up, forward] = push;
+        let [right, up, mut forward] = push;
+        let length = self.speed * seconds * if fast { 4.0 } else { 1.0 };
+        if self.orthographic {
+            // Forward is larger, as it is in perspective.
+            let distance = (self.distance() * (-forward * length / self.distance()).exp()).clamp(1e-9, 1e12);
+            self.now.eye = (self.target() - self.forward() * distance).into();
+            forward = 0.0;
+        }
         let direction = self.right() * right + self.up() * up + self.forward() * forward;
-        self.shift(direction.normalize_or_zero() * self.speed * seconds * if fast { 4.0 } else { 1.0 });
+        self.shift(direction.normalize_or_zero() * length);
     }
 
     /// Moves, without turning, to where a sphere just fits into a picture `aspect` times as wide as high, and orbits
@@ -421,6 +428,13 @@ mod tests {
         controller.turn(50.0, 0.0);
         assert_eq!(controller.eye(), DVec3::new(0.0, 0.0, 10.0));
         assert!(controller.forward().x > 0.0, "dragging to the right looks to the right");
+        let mut parallel = controller;
+        parallel.orthographic = true;
+        let (target, distance) = (parallel.target(), parallel.distance());
+        parallel.push([0.0, 0.0, 1.0], false, 2.0);
+        assert!(
+            parallel.target() == target && (parallel.distance() / distance - (-1.0_f64).exp()).abs() < 1e-9
+        );
         let before = controller.eye();
         controller.push([0.0, 0.0, 1.0], false, 2.0);
         assert!(

@@ -40,7 +40,11 @@ fn wait(window: &OpenWindow, what: &str, is_wanted: impl Fn(&RgbImage) -> bool) 
         if is_wanted(&shown) {
             return shown;
         }
-        assert!(Instant::now() < until, "{what}: the window shows something else");
+        if Instant::now() >= until {
+            let kept = std::env::temp_dir().join("lodestream-window.png");
+            shown.save(&kept).unwrap();
+            panic!("{what}: the window shows something else: {}", kept.display());
+        }
         std::thread::sleep(Duration::from_millis(20));
     }
 }

@@ -4,7 +4,8 @@
 use glam::DVec3;
 use lodestream_client::core::Ray;
 use lodestream_client::streaming::{Answer, Streaming};
-use lodestream_render::SceneView;
+
+use super::visible::Visible;
 
 /// Most points at once.
 const POINTS: usize = 3;
@@ -46,16 +47,14 @@ struct Asked {
 pub(super) struct Accuracy {
     /// Bound of the screen error over all visible parts, in pixels.
     pub(super) error_px: f64,
-    /// World units per pixel at distance 1, or at any distance if the projection is orthographic.
+    /// World units per pixel at distance 1.
     pub(super) per_px: f64,
-    /// Whether the projection is orthographic.
-    pub(super) is_orthographic: bool,
 }
 
 impl Accuracy {
     /// World units of a pixel where a surface was found.
     fn pixel(&self, found: &Found) -> f64 {
-        self.per_px * if self.is_orthographic { 1.0 } else { found.distance }
+        self.per_px * found.distance
     }
 
     /// Bound of the distance between what is drawn and the input, where a surface was found.
@@ -89,14 +88,13 @@ impl Measure {
     }
 
     /// Adds the point that a ray meets; after three, a new first one.
-    pub(super) fn click(&mut self, ray: Ray, streaming: &Streaming, scene: &SceneView) {
-        self.ask(ray, None, streaming, scene);
+    pub(super) fn click(&mut self, ray: Ray, streaming: &Streaming, visible: Visible) {
+        self.ask(ray, None, streaming, visible);
     }
 
-    fn ask(&mut self, ray: Ray, again: Option<usize>, streaming: &Streaming, scene: &SceneView) {
-        let hidden = scene.hidden_parts();
+    fn ask(&mut self, ray: Ray, again: Option<usize>, streaming: &Streaming, visible: Visible) {
         let answer = streaming.ask(move |core| {
-            let hit = core.pick(ray, |part| hidden.contains(part))?;
+            let hit = visible.pick(core, ray)?;
             let in_asset = core.in_asset(hit.instance, hit.place);
             let rounding = core.rounding(hit.instance).unwrap_or(f64::INFINITY);
             Some(Found { place: hit.place, distance: hit.distance, in_asset, rounding })
@@ -106,7 +104,12 @@ impl Measure {
 
     /// Takes an answer, and looks points up again that were found in a coarser picture than the present one; returns
     /// whether the points have changed.
-    pub(super) fn receive(&mut self, accuracy: &Accuracy, streaming: &Streaming, scene: &SceneView) -> bool {
+    pub(super) fn receive(
+        &mut self,
+        accuracy: &Accuracy,
+        streaming: &Streaming,
+        visible: impl FnOnce() -> Visible,
+    ) -> bool {
         let taken = self.asked.as_mut().map(|asked| (asked.ray, asked.again, asked.answer.take()));
         let mut changed = false;
         match taken {
@@ -134,7 +137,7 @@ impl Measure {
         if let Some(number) = self.points.iter().position(coarser)
             && let Some(point) = self.points.get(number)
         {
-            self.ask(point.ray, Some(number), streaming, scene);
+            self.ask(point.ray, Some(number), streaming, visible());
         }
         changed
     }
@@ -219,11 +222,9 @@ mod tests {
     }
 
     #[test]
-    fn bounds_grow_with_the_distance_in_perspective_alone() {
-        let perspective = Accuracy { error_px: 2.0, per_px: 0.01, is_orthographic: false };
-        let parallel = Accuracy { is_orthographic: true, ..perspective };
+    fn bounds_are_the_pictures_error_where_the_surface_is_and_rounding() {
+        let accuracy = Accuracy { error_px: 2.0, per_px: 0.01 };
         let found = Found { place: DVec3::ZERO, distance: 5.0, in_asset: None, rounding: 0.25 };
-        assert!((perspective.bound(&found) - 0.35).abs() < 1e-12);
-        assert!((parallel.bound(&found) - 0.27).abs() < 1e-12);
+        assert!((accuracy.bound(&found) - 0.35).abs() < 1e-12);
     }
 }

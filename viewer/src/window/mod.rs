@@ -13,10 +13,12 @@ mod part_list;
 mod pivot;
 mod running;
 mod screenshot;
+mod section;
 mod selection;
 mod session_status;
 mod state;
 mod steps;
+mod visible;
 
 use anyhow::{Context, anyhow};
 use winit::event_loop::EventLoop;

@@ -4,10 +4,10 @@
 use glam::DVec3;
 use lodestream_client::core::Ray;
 use lodestream_client::streaming::{Answer, Streaming};
-use lodestream_render::SceneView;
 use lodestream_viewing::CameraController;
 
 use super::clicks::CLICK_PX;
+use super::visible::Visible;
 
 /// Turns of the wheel whose pivot is not known yet.
 #[derive(Debug)]
@@ -27,15 +27,14 @@ pub(super) struct Pivot {
     zoomed: Option<([f64; 2], Option<DVec3>)>,
 }
 
-fn ask(ray: Ray, streaming: &Streaming, scene: &SceneView) -> Option<Answer<Option<DVec3>>> {
-    let hidden = scene.hidden_parts();
-    streaming.ask(move |core| core.pick(ray, |part| hidden.contains(part)).map(|hit| hit.place)).ok()
+fn ask(ray: Ray, streaming: &Streaming, visible: Visible) -> Option<Answer<Option<DVec3>>> {
+    streaming.ask(move |core| visible.pick(core, ray).map(|hit| hit.place)).ok()
 }
 
 impl Pivot {
     /// Begins a drag.
-    pub(super) fn press(&mut self, ray: Ray, streaming: &Streaming, scene: &SceneView) {
-        (self.turn, self.asked_turn) = (None, ask(ray, streaming, scene));
+    pub(super) fn press(&mut self, ray: Ray, streaming: &Streaming, visible: Visible) {
+        (self.turn, self.asked_turn) = (None, ask(ray, streaming, visible));
     }
 
     /// Ends a drag.
@@ -66,7 +65,7 @@ impl Pivot {
         controller: &mut CameraController,
         ray: Ray,
         streaming: &Streaming,
-        scene: &SceneView,
+        visible: Visible,
     ) -> bool {
         let near = |place: [f64; 2]| (place[0] - at[0]).hypot(place[1] - at[1]) < CLICK_PX;
         if let Some(zoom) = &mut self.zoom {
@@ -77,7 +76,7 @@ impl Pivot {
             zoom(controller, pivot, lines);
             return true;
         }
-        match ask(ray, streaming, scene) {
+        match ask(ray, streaming, visible) {
             Some(answer) => {
                 self.zoom = Some(Zoom { at, lines, answer });
                 false

@@ -31,6 +31,7 @@ use super::overlay::{self, Choices, Controls as OverlayControls};
 use super::painter::{self, Below, Painted, Painter};
 use super::part_list::PartList;
 use super::pivot::Pivot;
+use super::section::Section;
 use super::selection::Selection;
 use lodestream_viewing::{CameraController, Quality, Step};
 
@@ -102,6 +103,7 @@ pub(super) struct Running {
     part_list: PartList,
     measure: Measure,
     pivot: Pivot,
+    section: Section,
     drawn: Option<Instant>,
     counters: Counters,
     frame_ms: f64,
@@ -212,6 +214,7 @@ impl Running {
             part_list: PartList::default(),
             measure: Measure::default(),
             pivot: Pivot::default(),
+            section: Section::default(),
             drawn: None,
             counters: Counters::default(),
             frame_ms: 0.0,
@@ -343,7 +346,9 @@ impl Running {
         let now_s = begun.as_secs_f32();
         let painted = steps::run(&mut FrameSteps { running: self, args, began, now_s })?;
         if painted.shows_kept {
-            return Ok(painted.repaint_after.min(self.notice_left().unwrap_or(Duration::MAX)));
+            let notice = self.notice_left().unwrap_or(Duration::MAX);
+            let moves = self.keys.moves_camera();
+            return Ok(if moves { Duration::ZERO } else { painted.repaint_after.min(notice) });
         }
         self.frame_ms = began.elapsed().as_secs_f64() * 1e3;
         let shows = painted.counters.is_some();
@@ -463,6 +468,7 @@ impl Running {
         } else {
             self.prepare_ground()?;
         }
+        self.settings.sections = self.section.with(&args.sections().unwrap_or_default());
         let overlay_state = self.overlay_state(shows);
         let table = self.choices.timed;
         self.painter.renderer.time_passes(&self.painter.gpu, table || args.stats.is_some());
@@ -487,13 +493,18 @@ impl Running {
             false => Below::Nothing,
         };
         let (open, parts) = (&mut self.open_panel, &mut self.part_list);
+        let before = self.section.plane;
+        let section = &mut self.section.plane;
         let painted = self.painter.paint(
             |ui| {
-                let mut controls = OverlayControls { choices: &mut choices, open, parts };
+                let mut controls = OverlayControls { choices: &mut choices, open, parts, section };
                 overlay::show(ui, stats, &overlay_state, &mut controls);
             },
             below,
         )?;
+        if before != self.section.plane {
+            self.painter.window.request_redraw();
+        }
         if choices != self.choices {
             self.choices = choices;
             choices.apply(&mut self.settings);

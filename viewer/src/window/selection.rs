@@ -3,10 +3,11 @@
 use glam::DVec3;
 use lodestream_client::core::{Hit, PartBounds, Ray};
 use lodestream_client::streaming::{Answer, Streaming};
-use lodestream_render::{Gpu, PartState, RenderError, SceneView};
+use lodestream_render::{Gpu, PartState, RenderError, SceneView, Settings};
 use lodestream_scene::parts::ScenePart;
 
 use super::keyboard::Action;
+use super::visible::Visible;
 use crate::parts::tinted;
 
 /// Colour of the selected part.
@@ -106,18 +107,17 @@ impl Selection {
     }
 
     /// Asks which part a ray meets.
-    pub(super) fn pick(&mut self, ray: Ray, streaming: &Streaming, scene: &SceneView) {
+    pub(super) fn pick(&mut self, ray: Ray, streaming: &Streaming, visible: Visible) {
         // An answer to an earlier click is not wanted any more.
         self.behind_proxy = None;
-        self.ask(ray, streaming, scene);
+        self.ask(ray, streaming, visible);
     }
 
     /// Asks for the bounds of the part that a ray meets, to move the camera to; of what is known as a proxy only, bounds
     /// that bring it nearer.
-    pub(super) fn frame(&mut self, ray: Ray, streaming: &Streaming, scene: &SceneView) {
-        let hidden = scene.hidden_parts();
+    pub(super) fn frame(&mut self, ray: Ray, streaming: &Streaming, visible: Visible) {
         let answer = streaming.ask(move |core| {
-            let hit = core.pick(ray, |part| hidden.contains(part))?;
+            let hit = visible.pick(core, ray)?;
             let radius = hit.distance * PROXY_SHARE;
             let around = [hit.place - radius, hit.place + radius];
             let nearer = PartBounds { extent: around, centre: hit.place, radius };
@@ -126,9 +126,8 @@ impl Selection {
         self.framing = answer.ok();
     }
 
-    fn ask(&mut self, ray: Ray, streaming: &Streaming, scene: &SceneView) {
-        let hidden = scene.hidden_parts();
-        let answer = streaming.ask(move |core| core.pick(ray, |part| hidden.contains(part)));
+    fn ask(&mut self, ray: Ray, streaming: &Streaming, visible: Visible) {
+        let answer = streaming.ask(move |core| visible.pick(core, ray));
         self.picking = answer.ok().map(|answer| (ray, answer));
     }
 
@@ -138,6 +137,7 @@ impl Selection {
         gpu: &Gpu,
         streaming: &Streaming,
         scene: &mut SceneView,
+        settings: &Settings,
     ) -> Result<(bool, Option<PartBounds>), RenderError> {
         let mut answer = self.picking.take();
         let picked = answer.as_mut().map(|(ray, answer)| (*ray, answer.take()));
@@ -159,7 +159,7 @@ impl Selection {
             Some((_, Err(_))) => self.behind_proxy = None,
             None => {
                 if let Some(mut behind) = self.behind_proxy.take_if(|behind| behind.left > 0) {
-                    self.ask(behind.ray, streaming, scene);
+                    self.ask(behind.ray, streaming, Visible::of(scene, settings));
                     behind.left -= 1;
                     self.behind_proxy = Some(behind);
                 } else {

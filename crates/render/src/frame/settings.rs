@@ -354,6 +354,9 @@ pub struct Settings {
     /// meshes, the inside shows as a cap too. Transparent surfaces are cut without caps; terrain and water are not cut.
     /// The first frame with planes compiles pipelines.
     pub sections: SectionPlanes,
+    /// Radiance, in red, green and blue, that is shown where there is no surface, in place of the sky, which lights and is
+    /// mirrored all the same.
+    pub background: Option<[f32; 3]>,
     /// Draws the frame's water.
     pub water: bool,
     /// Screen-space reflections on smooth surfaces and water; `None` reflects the sky only and saves two passes.
@@ -404,6 +407,7 @@ impl Default for Settings {
             #[cfg(any(test, feature = "methods"))]
             pn_triangles: None,
             sections: SectionPlanes::NONE,
+            background: None,
             water: true,
             reflections: None,
             bloom: None,

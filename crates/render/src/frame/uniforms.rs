@@ -32,6 +32,8 @@ pub(crate) struct FrameUniform {
     irradiance: [[f32; 4]; 9],
     /// Section planes relative to the eye: normal and distance.
     sections: [[f32; 4]; MAX_SECTION_PLANES],
+    /// Radiance shown in place of the sky; 1 if it is.
+    background: [f32; 4],
     size_px: [f32; 2],
     tan_half_fov: [f32; 2],
     near: f32,
@@ -97,6 +99,10 @@ impl FrameUniform {
             before: step.before.to_cols_array_2d(),
             irradiance: sky.irradiance,
             sections: sections(&frame.settings.sections, camera.eye),
+            background: match frame.settings.background {
+                Some([r, g, b]) => [r, g, b, 1.0],
+                None => [0.0; 4],
+            },
             size_px: [width as f32, height as f32],
             tan_half_fov: [tx as f32, ty as f32],
             near: near as f32,

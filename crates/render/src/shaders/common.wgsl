@@ -13,6 +13,7 @@ struct Frame {
     before: mat4x4<f32>, // to clip space of the frame before, without jitter, from places relative to this frame's eye
     irradiance: array<vec4<f32>, 9>, // see ambient() in sky.wgsl
     sections: array<vec4<f32>, 3>, // what lies where dot(xyz, place) > w is cut away; (0, 0, 0, 1): none
+    background: vec4<f32>, // radiance that is shown in place of the sky where w is 1
     size_px: vec2<f32>,
     tan_half_fov: vec2<f32>,
     near: f32,

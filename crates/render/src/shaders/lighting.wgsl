@@ -18,7 +18,7 @@ fn fs_lighting(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     let pixel = vec2<i32>(at.xy);
     let ray = world_ray(pixel);
     if (textureLoad(depth_map, pixel, 0).x <= 0.0) {
-        return vec4(sky(ray), 0.0);
+        return vec4(background(ray), 0.0);
     }
     let stored = textureLoad(surface_normals, pixel, 0);
     let albedo = textureLoad(albedo_map, pixel, 0);
@@ -46,5 +46,5 @@ fn fs_lighting(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
 
 @fragment
 fn fs_sky(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
-    return vec4(sky(world_ray(vec2<i32>(at.xy))), 0.0);
+    return vec4(background(world_ray(vec2<i32>(at.xy))), 0.0);
 }

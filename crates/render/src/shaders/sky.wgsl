@@ -37,6 +37,14 @@ fn sky(direction: vec3<f32>) -> vec3<f32> {
     return radiance + frame.sun_disc.rgb * (disc * above);
 }
 
+// Radiance that is shown in a direction without a surface.
+fn background(direction: vec3<f32>) -> vec3<f32> {
+    if (frame.background.w > 0.0) {
+        return frame.background.rgb;
+    }
+    return sky(direction);
+}
+
 // Radiance of a white diffuse surface in the light of the whole sky: irradiance over π (Ramamoorthi and Hanrahan 2001).
 fn ambient(normal: vec3<f32>) -> vec3<f32> {
     let n = sky_axes(normal);

@@ -32,6 +32,11 @@ pub(in crate::window) fn key(
             controller.toggle();
             return None;
         }
+        Action::Orthographic => {
+            controller.toggle_projection();
+            quality.moved(now);
+            return None;
+        }
         Action::Turntable => {
             keys.toggle_turntable(now);
             return None;

@@ -6,7 +6,7 @@
 //! | `panel` | the frame of the panel, and its size |
 //! | `help`, `controls`, `rows` | what it shows: keys, settings, figures |
 //! | `start` | the window before anything is opened |
-//! | `marks` | points that are measured |
+//! | `marks`, `section_bar` | points that are measured, controls of the section plane |
 
 mod choices;
 mod controls;
@@ -14,6 +14,7 @@ mod help;
 mod marks;
 mod panel;
 mod rows;
+mod section_bar;
 mod start;
 mod status_line;
 mod times;
@@ -27,12 +28,14 @@ use rows::rows;
 
 use super::open_panel::OpenPanel;
 use super::part_list::PartList;
+use super::section::Plane;
 
 /// What the overlay changes.
 pub(super) struct Controls<'a> {
     pub(super) choices: &'a mut Choices,
     pub(super) open: &'a mut OpenPanel,
     pub(super) parts: &'a mut PartList,
+    pub(super) section: &'a mut Option<Plane>,
 }
 
 /// Draws the overlay.
@@ -48,6 +51,7 @@ pub(super) fn show(ui: &mut egui::Ui, stats: &Stats, state: &OverlayState, contr
     if !controls.choices.hidden && !state.is_empty {
         status_line::show(&context, stats, state);
     }
+    section_bar::show(&context, controls.section, state.section_position);
     if let Some(panel) = controls.choices.panel {
         let open = panel::show(&context, panel, |ui| contents(ui, panel, stats, state, controls));
         if !open {
@@ -129,7 +133,7 @@ mod tests {
             }
         }
         let context = egui::Context::default();
-        let (mut open, mut parts) = (OpenPanel::default(), PartList::default());
+        let (mut open, mut parts, mut section) = (OpenPanel::default(), PartList::default(), None);
         let mut text = String::new();
         // A window is measured before it is drawn.
         for _ in 0..4 {
@@ -139,7 +143,12 @@ mod tests {
                 Some(pixels_per_point);
             let stats = Stats::default();
             let mut output = context.run_ui(input, |ui| {
-                let mut controls = Controls { choices: &mut *choices, open: &mut open, parts: &mut parts };
+                let mut controls = Controls {
+                    choices: &mut *choices,
+                    open: &mut open,
+                    parts: &mut parts,
+                    section: &mut section,
+                };
                 show(ui, &stats, state, &mut controls);
             });
             // egui panics if they are dropped unused.

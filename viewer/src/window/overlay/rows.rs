@@ -31,6 +31,8 @@ pub(in crate::window) struct OverlayState {
     /// Parts that are hidden, for their list.
     pub(in crate::window) hidden_parts: HiddenParts,
     pub(in crate::window) selected: Option<ScenePart>,
+    /// Where the section plane is along its axis, in world units.
+    pub(in crate::window) section_position: Option<f64>,
     pub(in crate::window) frame_ms: f64,
     pub(in crate::window) fps: f64,
     pub(in crate::window) bits_per_s: f64,
@@ -64,6 +66,7 @@ impl OverlayState {
             marks: Vec::new(),
             hidden_parts: HiddenParts::default(),
             selected: None,
+            section_position: None,
             frame_ms: 0.0,
             fps: 0.0,
             bits_per_s: 0.0,

@@ -48,6 +48,10 @@ impl Running {
                 self.choices.apply(&mut self.settings);
             }
             Action::Measure => self.measure.toggle(),
+            Action::Section => {
+                let forward = self.camera().rotation * glam::DVec3::NEG_Z;
+                self.section.toggle(forward, self.streaming.as_ref());
+            }
             Action::FullScreen => {
                 let whole = self.painter.window.fullscreen().is_none();
                 self.painter.window.set_fullscreen(whole.then_some(Fullscreen::Borderless(None)));

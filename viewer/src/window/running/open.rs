@@ -17,6 +17,7 @@ use crate::window::measure::Measure;
 use crate::window::overlay::Panel;
 use crate::window::part_list::PartList;
 use crate::window::pivot::Pivot;
+use crate::window::section::Section;
 use crate::window::selection::Selection;
 use crate::window::session_status::SessionStatus;
 use crate::window::state::State;
@@ -111,6 +112,7 @@ impl Running {
             (None, SessionStatus::default(), Selection::default());
         (self.part_list, self.measure, self.pivot) =
             (PartList::default(), Measure::default(), Pivot::default());
+        self.section = Section::default();
         (self.shown, self.state, self.reported_incomplete) = (FrameLog::default(), State::Refining, false);
         (self.transport, self.stays_open, self.waiting) = (target.transport(), true, None);
         self.address = target.to_string();

@@ -28,6 +28,7 @@ impl Running {
             marks: self.measure.places().into_iter().map(|place| self.pixel_of(place)).collect(),
             hidden_parts: if lists_parts { self.scene.hidden_parts() } else { HiddenParts::default() },
             selected: self.selection.selected(),
+            section_position: self.section.position(),
             frame_ms: self.frame_ms,
             fps: self.fps,
             bits_per_s: self.bits_per_s,
@@ -36,6 +37,7 @@ impl Running {
             quality: if self.choices.adapt { self.quality.describe() } else { "full".into() },
             mode: match self.controller.map(|controller| controller.mode) {
                 Some(Mode::Fly) => "fly",
+                _ if self.controller.is_some_and(|controller| controller.orthographic) => "orthographic",
                 _ => "orbit",
             },
             camera: self.controller.map(|controller| controller.describe()).unwrap_or_default(),

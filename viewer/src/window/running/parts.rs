@@ -10,6 +10,7 @@ impl Running {
         self.selection.awaits_answer()
             || self.measure.awaits_answer()
             || self.pivot.awaits_answer()
+            || self.section.awaits_answer()
             || self.part_list.awaits_answer()
     }
 
@@ -23,7 +24,10 @@ impl Running {
         let Some(streaming) = &self.streaming else { return Ok(new) };
         streaming.pin_instances(self.selection.pinned_instances(&self.scene));
         streaming.move_parts(self.scene.moved_parts());
-        let (selected, fitted) = self.selection.receive(&self.painter.gpu, streaming, &mut self.scene)?;
+        let (selected, fitted) = {
+            let (gpu, settings) = (&self.painter.gpu, &self.settings);
+            self.selection.receive(gpu, streaming, &mut self.scene, settings)?
+        };
         let framed = self.selection.receive_frame();
         if let (Some(None), Some(controller)) = (framed, &mut self.controller) {
             controller.reset();

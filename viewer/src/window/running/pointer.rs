@@ -12,6 +12,7 @@ use crate::window::measure::Accuracy;
 use crate::window::overlay::Panel;
 use crate::window::part_list::PartRequest;
 use crate::window::selection;
+use crate::window::visible::Visible;
 
 /// Turns of the wheel that a pinch to twice the size is.
 const PINCH_LINES: f64 = 5.5;
@@ -24,7 +25,7 @@ impl Running {
             if button == MouseButton::Left && !consumed {
                 let ray = self.pointer_ray();
                 if let Some(streaming) = &self.streaming {
-                    self.pivot.press(ray, streaming, &self.scene);
+                    self.pivot.press(ray, streaming, Visible::of(&self.scene, &self.settings));
                 }
             }
         } else if self.button == Some(MouseButton::Left) && button == MouseButton::Left {
@@ -67,7 +68,10 @@ impl Running {
         let (at, ray) = ([self.pointer.x, self.pointer.y], self.pointer_ray());
         let Some(controller) = &mut self.controller else { return false };
         let moved = match &self.streaming {
-            Some(streaming) => self.pivot.wheel(at, lines, controller, ray, streaming, &self.scene),
+            Some(streaming) => {
+                let visible = Visible::of(&self.scene, &self.settings);
+                self.pivot.wheel(at, lines, controller, ray, streaming, visible)
+            }
             None => {
                 controller.wheel(lines);
                 true
@@ -101,7 +105,7 @@ impl Running {
         let ray = self.pointer_ray();
         if self.measure.is_active() {
             if let Some(streaming) = &self.streaming {
-                self.measure.click(ray, streaming, &self.scene);
+                self.measure.click(ray, streaming, Visible::of(&self.scene, &self.settings));
             }
             return;
         }
@@ -109,7 +113,7 @@ impl Running {
             return self.frame_pointer();
         }
         if let Some(streaming) = &self.streaming {
-            self.selection.pick(ray, streaming, &self.scene);
+            self.selection.pick(ray, streaming, Visible::of(&self.scene, &self.settings));
         }
     }
 
@@ -117,7 +121,7 @@ impl Running {
     pub(super) fn frame_pointer(&mut self) {
         let ray = self.pointer_ray();
         if let Some(streaming) = &self.streaming {
-            self.selection.frame(ray, streaming, &self.scene);
+            self.selection.frame(ray, streaming, Visible::of(&self.scene, &self.settings));
         }
     }
 
@@ -139,7 +143,9 @@ impl Running {
             self.quality.moved(self.clock.now().into());
             changed = true;
         }
-        changed |= self.measure.receive(&accuracy, streaming, &self.scene);
+        let visible = || Visible::of(&self.scene, &self.settings);
+        changed |= self.measure.receive(&accuracy, streaming, visible);
+        changed |= self.section.receive(streaming);
         if let Some(part) = self.selection.selected() {
             self.part_list.look_up(part, streaming);
         }
@@ -165,6 +171,6 @@ impl Running {
         let [width, height] = self.painter.size();
         let (_, up) = self.camera().tan_half_fov(width, height);
         let error_px = self.status.status().stats.counters.max_screen_error_px;
-        Accuracy { error_px, per_px: 2.0 * up / f64::from(height.max(1)), is_orthographic: false }
+        Accuracy { error_px, per_px: 2.0 * up / f64::from(height.max(1)) }
     }
 }
