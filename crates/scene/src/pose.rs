@@ -4,7 +4,7 @@ use glam::{DMat3, DQuat, DVec3};
 
 /// Vertical field of view of orthographic cameras, in radians: 0.086°, narrower than scenes may state. Parallel projection
 /// is drawn with a long lens: over a depth of the picture's height, nothing in 1280×720 pixels moves by more than one. A
-/// longer lens would leave fewer bits of f32 for differences of depths, of which this one resolves a thirtieth of a pixel.
+/// longer lens would leave fewer bits of f32 for differences of depths, of which this one resolves a fifteenth of a pixel in 720 lines.
 pub const ORTHOGRAPHIC_FOV_Y: f32 = 0.0015;
 /// Half the field of view of the camera to which an orthographic one compares, where sizes are shares of the depth: its
 /// tangent, of 25°.
