@@ -208,7 +208,8 @@ impl Selection {
             }
             (Action::IsolatePart, Some(Selected { part, .. })) => scene.isolate_parts(gpu, Some(&[part]))?,
             (Action::ShowAll, _) => {
-                self.selected = None;
+                // A click that is not answered yet selects nothing any more.
+                (self.selected, self.picking, self.behind_proxy) = (None, None, None);
                 scene.clear_parts(gpu)?;
             }
             (Action::GoToPart, Some(Selected { part, .. })) => {
