@@ -7,7 +7,7 @@ use image::RgbImage;
 use crate::support::picture::skipped;
 use crate::support::program::{Program, RUN_LIMIT, SIZE_PX};
 use crate::support::shapes::ball;
-use crate::support::window_pictures::{wait_for, wait_for_another, wait_for_share};
+use crate::support::window_pictures::{wait, wait_for, wait_for_another, wait_for_share};
 use crate::support::x11::{ESCAPE, F11};
 
 /// What a headless viewer draws of a file.
@@ -98,12 +98,16 @@ fn each_key_and_button_changes_the_picture_and_back() {
         wait_for(&window, &format!("{key:?}: back"), &whole);
     }
     window.turn_wheel(true);
-    let near = wait_for_another(&window, "nearer", &whole);
+    wait_for_another(&window, "nearer", &whole);
     window.turn_wheel(false);
     wait_for(&window, "away again", &whole);
+    // A click selects the box, which is tinted, and a double click frames its sphere, so that it becomes smaller.
+    window.click(x, y);
+    let tinted = |shown: &RgbImage| shown.pixels().filter(|pixel| pixel.0[0] > pixel.0[2] + 40).count();
+    let selected = wait(&window, "a selected part", |shown| tinted(shown) > 2_000);
     window.click(x, y);
     window.click(x, y);
-    wait_for_another(&window, "a double click frames what is there", &near);
+    wait(&window, "a framed part", |shown| (500..tinted(&selected) * 9 / 10).contains(&tinted(shown)));
     window.press('u');
     window.press('0');
     wait_for(&window, "the start view", &whole);

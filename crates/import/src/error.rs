@@ -35,6 +35,19 @@ pub enum ImportError {
         /// The largest size supported.
         limit: u64,
     },
+    /// The file needs more memory than there is.
+    #[error(
+        "{}: takes at least {:.1} GB of memory to read, {:.1} GB are free: end other programs, or prepare it with \
+         lodestream-server prepare --out-of-core DIR", path.display(), *needed as f64 * 1e-9, *free as f64 * 1e-9
+    )]
+    NoMemory {
+        /// The file.
+        path: PathBuf,
+        /// Bytes of memory that it takes, at least.
+        needed: u64,
+        /// Bytes that are free.
+        free: u64,
+    },
     /// An invalid line.
     #[error("{}:{line}: {what}", path.display())]
     Line {

@@ -46,6 +46,12 @@ impl ModelFile {
         Self { path: path.to_owned(), document: None, dependencies: streamed_dependencies(path) }
     }
 
+    /// Its path.
+    #[must_use]
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
     /// The files that it names, each once, whether they exist or not.
     #[must_use]
     pub fn dependencies(&self) -> &[PathBuf] {

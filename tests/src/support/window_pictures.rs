@@ -33,7 +33,8 @@ pub(crate) fn wait_for_share(window: &OpenWindow, what: &str, than: &RgbImage, l
     wait(window, what, |shown| differing(shown, than) >= least)
 }
 
-fn wait(window: &OpenWindow, what: &str, is_wanted: impl Fn(&RgbImage) -> bool) -> RgbImage {
+/// Waits until the window shows what is wanted, and returns it.
+pub(crate) fn wait(window: &OpenWindow, what: &str, is_wanted: impl Fn(&RgbImage) -> bool) -> RgbImage {
     let until = Instant::now() + RUN_LIMIT;
     loop {
         let shown = window.picture(SIZE_PX);

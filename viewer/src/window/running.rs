@@ -44,8 +44,7 @@ use crate::local::{Preparation, Target};
 use crate::outcome::describe_missing;
 use crate::recent;
 use crate::run::settings;
-use open::{Opening, title};
-use streams::{NextScene, Notify};
+use streams::{NextScene, Notify, Opening, title};
 
 /// Interval of checks for finished terrain tiles while nothing else changes.
 const TILES_INTERVAL: Duration = Duration::from_millis(50);

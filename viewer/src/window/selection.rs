@@ -126,6 +126,11 @@ impl Selection {
         self.framing = answer.ok();
     }
 
+    /// Forgets where the camera was to be moved: it was moved otherwise since.
+    pub(super) fn forget_frame(&mut self) {
+        (self.framing, self.fitting) = (None, None);
+    }
+
     fn ask(&mut self, ray: Ray, streaming: &Streaming, visible: Visible) {
         let answer = streaming.ask(move |core| visible.pick(core, ray));
         self.picking = answer.ok().map(|answer| (ray, answer));

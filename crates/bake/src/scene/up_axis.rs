@@ -6,10 +6,8 @@ use std::str::FromStr;
 
 use glam::{DQuat, DVec3};
 
-use super::has_extension;
-
-/// Extensions of models whose axis z points up by custom: those of printers and machine tools.
-const Z_UP: [&str; 1] = ["stl"];
+/// Extension of models whose axis z points up by custom: those of printers and machine tools.
+const Z_UP: &str = "stl";
 
 /// An axis, in its direction or against it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -36,7 +34,8 @@ impl UpAxis {
     /// The usual axis of a model file's format: z for STL, y for others.
     #[must_use]
     pub fn of_file(file: &Path) -> Self {
-        if has_extension(file, &Z_UP) { Self::Z } else { Self::Y }
+        let is_z_up = file.extension().is_some_and(|own| own.eq_ignore_ascii_case(Z_UP));
+        if is_z_up { Self::Z } else { Self::Y }
     }
 
     /// Its name: `x`, `-x` and so on.

@@ -1,6 +1,7 @@
 //! Model files as a scene and its packs are made from them: each is read and parsed once while it is among the last ones,
 //! and not at all if memos in a cache folder say what is needed of it.
 
+mod free_memory;
 mod hashed_file;
 mod memo;
 
@@ -14,6 +15,7 @@ use lodestream_import::{
     CreaseAngle, ImageSource, ImportError, Imported, ModelFile, Part, is_gltf, is_streamed,
 };
 
+use free_memory::Use;
 use hashed_file::HashedFile;
 pub(crate) use memo::{FileState, Memo};
 
@@ -36,6 +38,7 @@ impl Source {
     /// # Errors
     /// A model file that cannot be read. Other files may be missing: the key then encodes that they are.
     pub(crate) fn read(path: &Path) -> Result<Self, ImportError> {
+        free_memory::check(path, Use::Read)?;
         // A PLY or STL file is never loaded whole. If it cannot be read, opening it returns the error.
         let streamed = is_streamed(path).then(|| hash_file(path)).flatten();
         let (hash, model) = match streamed {
@@ -71,7 +74,11 @@ impl Source {
     pub(crate) fn import(&self, part: &Part, crease: CreaseAngle) -> Result<Imported, ImportError> {
         let mut kept = self.imported.lock().unwrap_or_else(PoisonError::into_inner);
         let kept = kept.take_if(|kept| kept.0 == *part && kept.1 == crease);
-        kept.map_or_else(|| self.model.import(part, crease), |(.., imported)| Ok(imported))
+        if let Some((.., imported)) = kept {
+            return Ok(imported);
+        }
+        free_memory::check(self.model.path(), Use::Import)?;
+        self.model.import(part, crease)
     }
 
     /// Keeps an imported part, the last one only, for the next import of it.

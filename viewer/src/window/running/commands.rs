@@ -28,7 +28,12 @@ impl Running {
             self.clicks.forget();
             self.pivot.forget_zoom();
         }
-        let Some(action) = action else { return Ok(false) };
+        let Some(action) = action else {
+            if pressed {
+                self.selection.forget_frame();
+            }
+            return Ok(false);
+        };
         match action {
             Action::Frame => self.frame_pointer(),
             Action::Help => self.toggle(Panel::Help),

@@ -7,7 +7,7 @@ use lodestream_client::net::Address;
 use lodestream_render::SceneView;
 
 use super::Running;
-use super::streams::{prepare, stream};
+use super::streams::{Opening, prepare, stream, title};
 use crate::args::Args;
 use crate::frames::FrameLog;
 use crate::local::{Preparation, Target};
@@ -21,12 +21,6 @@ use crate::window::section::Section;
 use crate::window::selection::Selection;
 use crate::window::session_status::SessionStatus;
 use crate::window::state::State;
-
-/// Files that are prepared to replace what is shown.
-pub(super) struct Opening {
-    target: Target,
-    pub(super) files: Preparation,
-}
 
 impl Running {
     /// A file was dropped; those dropped together come one after another.
@@ -132,9 +126,4 @@ impl Running {
     pub(super) fn is_empty(&self) -> bool {
         self.streaming.is_none() && self.files.is_none() && self.opening.is_none()
     }
-}
-
-/// The window's title.
-pub(super) fn title(target: Option<&Target>) -> String {
-    target.map_or_else(|| "Lodestream".into(), |target| format!("Lodestream – {target}"))
 }

@@ -90,6 +90,7 @@ impl Running {
     }
 
     fn zoomed(&mut self) {
+        self.selection.forget_frame();
         self.keys.stop_turntable();
         self.quality.moved(self.now());
     }

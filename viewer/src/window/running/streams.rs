@@ -9,7 +9,7 @@ use lodestream_render::{MAX_WAITING_STEPS, SceneView};
 use winit::event_loop::EventLoopProxy;
 
 use crate::args::Args;
-use crate::local::{LocalOptions, Preparation};
+use crate::local::{LocalOptions, Preparation, Target};
 use crate::run::{core_config, server};
 use crate::token;
 use crate::window::event::Event;
@@ -54,6 +54,17 @@ impl NextScene {
         let stopped = self.status.stats.lacking_blobs > 0 || self.status.end.is_some();
         self.whole.is_some() && (refined || waited) || stopped
     }
+}
+
+/// Files that are prepared to replace what is shown.
+pub(super) struct Opening {
+    pub(super) target: Target,
+    pub(super) files: Preparation,
+}
+
+/// The window's title.
+pub(super) fn title(target: Option<&Target>) -> String {
+    target.map_or_else(|| "Lodestream".into(), |target| format!("Lodestream – {target}"))
 }
 
 /// Starts to stream from an address.

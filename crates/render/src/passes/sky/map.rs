@@ -5,6 +5,7 @@ use std::f64::consts::{FRAC_PI_2, PI};
 use glam::{DVec3, Vec3};
 
 use super::atmosphere::{AtmosphereTables, GROUND_KM, SUN_RADIUS, Scattered};
+use super::luminance::luminance;
 use super::octahedral::Octahedral;
 use super::prefilter::{ambient, in_lobe, in_wide_lobe, irradiance, lobe};
 use super::studio;
@@ -31,11 +32,6 @@ const GROUND_DEPTH: f64 = 0.02;
 const MOST_GAIN: f64 = 16.0;
 /// Largest radiance of the lighting target.
 const MOST_RADIANCE: f64 = 6e4;
-
-/// BT.709 luminance.
-pub(super) fn luminance(colour: DVec3) -> f64 {
-    colour.dot(DVec3::new(0.2126, 0.7152, 0.0722))
-}
 
 /// Maps of a sky, in axes with z up and x towards the sun's azimuth.
 #[derive(Clone, Debug)]

@@ -2,6 +2,7 @@
 
 mod atmosphere;
 mod gpu;
+mod luminance;
 mod map;
 mod maps;
 mod octahedral;

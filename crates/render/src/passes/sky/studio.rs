@@ -3,7 +3,7 @@
 
 use glam::DVec3;
 
-use super::map::luminance;
+use super::luminance::luminance;
 use crate::scene::environment::Studio;
 
 /// Radiance of a white diffuse surface that faces the key light, from all lights.
