@@ -55,7 +55,10 @@ impl OpenWindow {
             assert!(Instant::now() < until, "no window was opened");
             std::thread::sleep(Duration::from_millis(20));
         };
-        Self { connection, display: display.to_owned(), root, window, protocols, delete }
+        let this = Self { connection, display: display.to_owned(), root, window, protocols, delete };
+        // Long before the first key: one that comes with the focus is lost.
+        this.focus();
+        this
     }
 
     /// Sends WM_DELETE_WINDOW.

@@ -1,6 +1,8 @@
 //! Measuring: coordinates of a point, the distance of two, the angle at the second of three, each with a bound of its
 //! error.
 
+use std::collections::VecDeque;
+
 use glam::DVec3;
 use lodestream_client::core::Ray;
 use lodestream_client::streaming::{Answer, Streaming};
@@ -68,7 +70,8 @@ impl Accuracy {
 pub(super) struct Measure {
     active: bool,
     points: Vec<Point>,
-    asked: Option<Asked>,
+    /// In the order of the clicks.
+    asked: VecDeque<Asked>,
 }
 
 impl Measure {
@@ -83,8 +86,8 @@ impl Measure {
     }
 
     /// Whether an answer is awaited.
-    pub(super) const fn awaits_answer(&self) -> bool {
-        self.asked.is_some()
+    pub(super) fn awaits_answer(&self) -> bool {
+        !self.asked.is_empty()
     }
 
     /// Adds the point that a ray meets; after three, a new first one.
@@ -99,7 +102,7 @@ impl Measure {
             let rounding = core.rounding(hit.instance).unwrap_or(f64::INFINITY);
             Some(Found { place: hit.place, distance: hit.distance, in_asset, rounding })
         });
-        self.asked = answer.ok().map(|answer| Asked { ray, again, answer });
+        self.asked.extend(answer.ok().map(|answer| Asked { ray, again, answer }));
     }
 
     /// Takes an answer, and looks points up again that were found in a coarser picture than the present one; returns
@@ -110,26 +113,15 @@ impl Measure {
         streaming: &Streaming,
         visible: impl FnOnce() -> Visible,
     ) -> bool {
-        let taken = self.asked.as_mut().map(|asked| (asked.ray, asked.again, asked.answer.take()));
         let mut changed = false;
-        match taken {
-            Some((_, _, Ok(None))) => return false,
-            Some((ray, again, Ok(Some(Some(found))))) => {
-                let point = Point { ray, found, bound: accuracy.bound(&found) };
-                match again.and_then(|number| self.points.get_mut(number)) {
-                    Some(old) => *old = point,
-                    None => {
-                        if self.points.len() == POINTS {
-                            self.points.clear();
-                        }
-                        self.points.push(point);
-                    }
-                }
-                changed = true;
+        while let Some(asked) = self.asked.front_mut() {
+            let (ray, again, taken) = (asked.ray, asked.again, asked.answer.take());
+            if matches!(taken, Ok(None)) {
+                return changed;
             }
-            Some((_, _, Ok(Some(None)) | Err(_))) | None => {}
+            self.asked.pop_front();
+            changed |= self.answered(ray, again, taken.ok().flatten().flatten(), accuracy);
         }
-        self.asked = None;
         let coarser = |point: &Point| {
             let now = accuracy.bound(&point.found);
             now < SHARPER * point.bound && point.bound > SHARP_PX * accuracy.pixel(&point.found)
@@ -140,6 +132,30 @@ impl Measure {
             self.ask(point.ray, Some(number), streaming, visible());
         }
         changed
+    }
+
+    /// Takes what a ray met; returns whether the points have changed.
+    fn answered(
+        &mut self,
+        ray: Ray,
+        again: Option<usize>,
+        found: Option<Found>,
+        accuracy: &Accuracy,
+    ) -> bool {
+        let Some(found) = found else { return false };
+        let point = Point { ray, found, bound: accuracy.bound(&found) };
+        match again.map(|number| self.points.get_mut(number)) {
+            Some(Some(old)) => *old = point,
+            // Points that are looked up again have gone.
+            Some(None) => return false,
+            None => {
+                if self.points.len() == POINTS {
+                    self.points.clear();
+                }
+                self.points.push(point);
+            }
+        }
+        true
     }
 
     /// What was measured, for the line below the picture; `None` while nothing is.
@@ -205,7 +221,7 @@ mod tests {
             Point { ray, found, bound }
         };
         let points = places.iter().map(point).collect();
-        Measure { active: true, points, asked: None }.describe().unwrap()
+        Measure { active: true, points, asked: VecDeque::new() }.describe().unwrap()
     }
 
     #[test]
