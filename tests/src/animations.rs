@@ -1,4 +1,5 @@
-//! Animations of rigid nodes play on any client of a scene: over both transports, and in a published scene.
+//! Animations of rigid nodes play on any client of a scene: over both transports, and in a published scene. The viewer
+//! shows a clip at a time.
 
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
@@ -21,7 +22,10 @@ use serde_json::{Value, json};
 
 use crate::support::LIMIT;
 use crate::support::daemon::{Server, Transport};
+use crate::support::picture::skipped;
+use crate::support::program::Program;
 use crate::support::scene::{TestScene, options, prepare_all};
+use crate::support::shapes::ball;
 use crate::support::viewer::{Viewer, config};
 
 /// A crane of two equal pyramids: in two seconds the tower turns by 90° about y, and the hook on it rises by 4.
@@ -139,4 +143,41 @@ fn a_clip_moves_instances_for_every_client() {
     let done = runtime.block_on(publish(&scene, &objects, &cache, &options())).unwrap();
     let file = format!("file:{}/{}", host.display(), done.name).parse().unwrap();
     check(&mut Viewer::start(&file, config()), "published");
+}
+
+#[test]
+fn the_viewer_shows_a_clip_at_a_time() {
+    if skipped() {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let (crane, cache) = (write_crane(folder.path()), at("cache"));
+    std::fs::write(at("ball.obj"), ball(20, 30)).unwrap();
+    let run = |file: &Path, picture: &str, more: &[&str]| {
+        let usual = ["--camera", "eye=2,3,12;target=2,2,0", "--cache", cache.to_str().unwrap()];
+        Program::headless(file.to_str().unwrap(), &at(picture), &[&usual[..], more].concat()).end()
+    };
+    // Where the hook is after a second, in the middle of the picture.
+    let hook = expected()[1].to_world(DVec3::splat(0.25));
+    let camera = format!("eye={0},{1},{2};target={0},{1},{3}", hook.x, hook.y, hook.z + 6.0, hook.z);
+    let pick = |time: &[&str]| {
+        let usual = ["--camera", &camera, "--cache", cache.to_str().unwrap(), "--pick", "160,90"];
+        let output =
+            Program::headless(crane.to_str().unwrap(), &at("hook.png"), &[&usual[..], time].concat()).end();
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        String::from_utf8(output.stdout).unwrap()
+    };
+    assert!(pick(&["--animation-time", "1"]).contains(":0 at "), "the hook is there");
+    assert!(pick(&[]).contains("nothing"), "without a clip it stands where the file has it");
+    let pictures = [("rest.png", &[][..]), ("one.png", &["--animation-time", "1"])].map(|(name, more)| {
+        assert!(run(&crane, name, more).status.success(), "{name}");
+        std::fs::read(at(name)).unwrap()
+    });
+    assert!(pictures[0] != pictures[1]);
+    for (file, message) in [(&crane, "it has 1: lift"), (&at("ball.obj"), "has no animation")] {
+        let output = run(file, "none.png", &["--animation", "drop"]);
+        let text = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(!output.status.success() && text.contains(message), "{text}");
+    }
 }

@@ -1,5 +1,6 @@
 //! The program `lodestream-viewer`: command line, headless mode, window.
 
+mod animation;
 mod args;
 mod figures;
 mod files;

@@ -1,5 +1,6 @@
 //! Overlay: statistics over the picture, and controls for settings.
 
+pub(super) mod animation;
 mod choices;
 mod rows;
 

@@ -1,7 +1,9 @@
 //! State that lives as long as the window, and the steps of its frames.
 
+mod animation;
 mod commands;
 mod parts;
+mod playing;
 mod source;
 mod streams;
 
@@ -34,6 +36,7 @@ use crate::frames::{FrameLog, Received};
 use crate::local::{Preparation, Target};
 use crate::outcome::describe_missing;
 use crate::run::settings;
+use animation::Animation;
 use streams::{NextScene, Notify};
 
 /// Interval of checks for finished terrain tiles while nothing else changes.
@@ -69,6 +72,7 @@ pub(super) struct Running {
     /// Where the button was pressed.
     pressed_at: PhysicalPosition<f64>,
     selection: Selection,
+    animation: Animation,
     drawn: Option<Instant>,
     counters: Counters,
     frame_ms: f64,
@@ -166,6 +170,7 @@ impl Running {
             pointer: PhysicalPosition::default(),
             pressed_at: PhysicalPosition::default(),
             selection: Selection::default(),
+            animation: Animation::new(crate::animation::playback(args)),
             drawn: None,
             counters: Counters::default(),
             frame_ms: 0.0,
@@ -228,6 +233,7 @@ impl Running {
     /// for finer terrain. Drawing it would only take CPU time from making tiles.
     fn is_unchanged(&mut self) -> anyhow::Result<bool> {
         if self.ground_moves
+            || self.animation.is_playing()
             || !self.only_tiles_missing
             || std::mem::take(&mut self.dirty)
             || self.keys.moves_camera()
@@ -321,10 +327,11 @@ impl Running {
         self.update_state(&drawn);
         // Quality is raised only once the camera rests.
         let better = if full { None } else { self.quality.due(self.now()) };
-        if self.only_tiles_missing && !self.keys.moves_camera() {
+        if self.only_tiles_missing && !self.keys.moves_camera() && !self.animation.is_playing() {
             return Ok(TILES_INTERVAL);
         }
         if self.keys.moves_camera()
+            || (shows && self.animation.is_playing())
             || (shows && !drawn.is_final() && better.is_none_or(|wait| wait.is_zero()))
         {
             return Ok(Duration::ZERO);
@@ -407,20 +414,34 @@ impl Running {
         self.painter.renderer.time_passes(&self.painter.gpu, table || args.stats.is_some());
         let (camera, step) = (self.camera(), self.step());
         let mut choices = self.choices;
+        let mut playback = self.animation.playback.clone();
+        let mut scrubbed = false;
         let mut settings = step.limit(&self.settings);
         // While more changes are pending, shadows may be out of date for some frames.
         let morphing = now_s - self.scene.changed_s() <= self.settings.morph_s;
         let settled = self.status.status().settled && self.scene.waiting() == 0 && !morphing;
         let coming = if settled { 0 } else { self.quality.late_shadows() };
-        let max_staleness = step.late_shadows.max(coming);
+        // What moves by itself would get shadows of where it was, on itself too.
+        let late = step.late_shadows.max(coming);
+        let max_staleness = if self.animation.is_playing() { 0 } else { late };
         settings.shadows = settings.shadows.map(|shadows| Shadows { max_staleness, ..shadows });
         let (stats, scene) = (&self.status.status().stats, &self.scene);
         let painted = self.painter.paint(
-            |ui| overlay::show(ui, stats, &overlay_state, &mut choices),
+            |ui| {
+                overlay::show(ui, stats, &overlay_state, &mut choices);
+                if !choices.hidden {
+                    scrubbed |= overlay::animation::show(ui, &self.animation.clips, &mut playback);
+                }
+            },
             shows.then_some(|draw: &mut painter::DrawScene<'_>| {
                 scene.with_frame(camera, settings, now_s, |frame| draw(frame))
             }),
         )?;
+        if scrubbed {
+            self.animation.playback = playback;
+            self.dirty = true;
+            self.painter.window.request_redraw();
+        }
         if choices != self.choices {
             self.choices = choices;
             choices.apply(&mut self.settings);
@@ -483,6 +504,7 @@ impl Steps for FrameSteps<'_> {
         let running = &mut *self.running;
         let now = running.now();
         input::move_camera(now, &mut running.keys, running.controller.as_mut(), &mut running.quality);
+        running.play_animation(now);
         running.measure(self.began);
     }
 

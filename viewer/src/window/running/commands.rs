@@ -41,6 +41,7 @@ impl Running {
                 }
             }
             Some(Command::Quit) => return Ok(true),
+            None if !control && self.animation_key(code) => {}
             None => {
                 if let Some(streaming) = self.streaming.as_ref().filter(|_| !control) {
                     self.selection.key(code, &self.painter.gpu, &mut self.scene, streaming)?;
