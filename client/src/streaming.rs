@@ -11,6 +11,7 @@ use std::time::Duration;
 
 use lodestream_protocol::message::Token;
 use lodestream_protocol::time::Time;
+use lodestream_scene::animation::Moment;
 use lodestream_scene::parts::{PartTransform, ScenePart};
 use lodestream_scene::view::View;
 use tokio::sync::{mpsc, watch};
@@ -93,6 +94,7 @@ pub struct Streaming {
     lookups: mpsc::Sender<ScenePart>,
     pinned: watch::Sender<Vec<u32>>,
     moved: watch::Sender<MovedParts>,
+    moment: watch::Sender<Option<Moment>>,
     parts: mpsc::Receiver<PartAnswer>,
     asker: Asker,
     clock: Clock,
@@ -118,6 +120,7 @@ impl Streaming {
         let (step_sender, steps) = mpsc::channel(MAX_STEPS);
         let (pinned, pinned_receiver) = watch::channel(Vec::new());
         let (moved, moved_receiver) = watch::channel(MovedParts::new());
+        let (moment, moment_receiver) = watch::channel(None);
         let (lookups, lookup_receiver) = mpsc::channel(MAX_LOOKUPS);
         let (part_sender, parts) = mpsc::channel(MAX_LOOKUPS);
         let (asker, questions) = questions::channel();
@@ -135,6 +138,7 @@ impl Streaming {
             steps: Some(step_sender),
             pinned: pinned_receiver,
             moved: moved_receiver,
+            moment: moment_receiver,
             lookups: lookup_receiver,
             next_lookup: None,
             parts: part_sender,
@@ -157,6 +161,7 @@ impl Streaming {
             lookups,
             pinned,
             moved,
+            moment,
             parts,
             asker,
             clock,
@@ -190,6 +195,15 @@ impl Streaming {
         self.moved.send_if_modified(|old| {
             let new = *old != moved;
             *old = moved;
+            new
+        });
+    }
+
+    /// Sets at which clip and time animated instances are ([`ClientCore::animate`]).
+    pub fn animate(&self, moment: Option<Moment>) {
+        self.moment.send_if_modified(|old| {
+            let new = *old != moment;
+            *old = moment;
             new
         });
     }
@@ -254,6 +268,7 @@ struct StreamHost<N> {
     questions: Questions,
     pinned: watch::Receiver<Vec<u32>>,
     moved: watch::Receiver<MovedParts>,
+    moment: watch::Receiver<Option<Moment>>,
     /// `None` once the receiver is dropped.
     steps: Option<mpsc::Sender<Vec<Change>>>,
     lookups: mpsc::Receiver<ScenePart>,
@@ -358,6 +373,10 @@ impl<N: Fn()> Host for StreamHost<N> {
         }
         if self.moved.has_changed().unwrap_or(false) {
             self.core.move_parts(&self.moved.borrow_and_update());
+        }
+        if self.moment.has_changed().unwrap_or(false) {
+            let moment = self.moment.borrow_and_update().clone();
+            self.core.animate(moment);
         }
         self.look_up(now);
         if self.questions.answer(&self.core) {

@@ -20,14 +20,14 @@ CLIENT_TAGS = {1: "Hello", 2: "Want", 3: "Cancel", 0x84: "SetView", 5: "WantScen
                0x88: "Token"}
 SERVER_TAGS = {0x41: "Welcome", 0x42: "ScenePage", 0x43: "Refused", 0xC4: "BasesSent", 0xC5: "Done",
                0x46: "Pong", 0x47: "Close", 0x48: "Piece", 0x49: "RefusedMany", 0xCA: "PunctualLights",
-               0xCB: "Parts"}
+               0xCB: "Parts", 0xCC: "Animations"}
 REFUSED = ["NotFound", "Unreadable", "QueueFull", "TooLong", "OutOfRange"]
 CLOSE_CODES = ["Normal", "ShuttingDown", "Version", "NoSuchScene", "Protocol", "Limit", "Timeout", "Busy", "Lost",
                "Unauthorised"]
 STAMPS = ["ridge", "valley", "crater", "plateau", "river bed"]
 # Kinds of blobs that are no part of an asset.
 SCENE_BLOBS = {4: "terrain_directory_page", 5: "height_overrides", 6: "punctual_light_directory_page",
-               7: "punctual_light_page", 8: "part_directory_page", 9: "part_page"}
+               7: "punctual_light_page", 8: "part_directory_page", 9: "part_page", 12: "animation"}
 MAX_BODY, MAX_PIECE, MAX_BLOB = 65536, 16384, 1 << 26
 ZSTD = bytes.fromhex("28b52ffd")
 
@@ -629,6 +629,46 @@ class Reader:
         ensure(shared <= len(before) and shared + rest <= most, "a text that does not continue the one before it")
         return bytes(before[:shared]) + bytes(self.b.take(rest))
 
+    # Animated models.
+    def animations(self):
+        count = self.f("models", self.b.u32)
+        ensure(1 <= count <= 1 << 12, f"{count} animated models")
+        return count
+
+    def animation(self):
+        b = self.b
+        version = self.f("version", b.u8)
+        ensure(version == 1, f"an animated model of format version {version}")
+        whole = [1, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0]
+        def node():
+            parent = self.option("parent", lambda: self.f("node", b.u32))
+            return [parent, self.formed("to the parent", whole), self.formed("translation", [0, 0, 0]),
+                    self.formed("rotation", [0, 0, 0, 1]), self.formed("scale", [1, 1, 1])]
+        def part():
+            return [self.f("node", b.u32), self.formed("to the node", whole), self.formed("from the model", whole)]
+        def values(name):
+            return self.f(name, lambda: [b.f32() for _ in range(b.u64())], lambda n: f"{len(n)} numbers")
+        def channel():
+            return [self.f("node", b.u32), self.named("property", ["translation", "rotation", "scale"]),
+                    self.named("interpolation", ["linear", "step", "cubicspline"]), self.f("timeline", b.u32),
+                    values("values")]
+        def clip():
+            return [self.f("name", b.text, repr), self.vec("channels", channel, 1 << 16)]
+        model = {"nodes": self.vec("nodes", node, 1 << 16), "parts": self.vec("parts", part, 1 << 16)}
+        instances = lambda: self.vec("instances", lambda: self.f("instance", b.u32), 1 << 16)
+        model["places"] = self.vec("places", instances, 1 << 16)
+        model["timelines"] = self.vec("timelines", lambda: values("times"), 1 << 16)
+        model["clips"] = self.vec("clips", clip, 1 << 10)
+        b.finish("the animated model")
+        return model
+
+    def formed(self, name, usual):
+        """Numbers that are as usual, in f32, or in f64."""
+        form = self.f("form", self.b.u8)
+        ensure(form <= 2, f"numbers of form {form}")
+        read = self.b.f32 if form == 1 else self.b.f64
+        return self.numbers(name, read, len(usual)) if form else [float(number) for number in usual]
+
     def half(self):
         """Bits 30 to 15 of an f32."""
         return struct.unpack("<f", struct.pack("<I", self.b.fixed(2) << 15))[0]
@@ -659,6 +699,7 @@ def read_body(name, r):
         "RefusedMany": lambda: r.vec("refusals", r.refused, 1024),
         "PunctualLights": r.punctual_lights,
         "Parts": r.parts,
+        "Animations": r.animations,
         "BasesSent": lambda: None,
         "Done": lambda: None,
         "Pong": lambda: r.f("number", b.u32),
@@ -773,6 +814,8 @@ class Session:
             run["contents"] = Reader(b).part_directory()
         elif whole and "part_page" in run["id"]:
             run["contents"] = Reader(b).part_page()
+        elif whole and "animation" in run["id"]:
+            run["contents"] = Reader(b).animation()
         elif b.left():
             b.note("blob", lambda: b.take(b.left()), lambda taken: f"{len(taken)} bytes")
         self.blobs.append(run)

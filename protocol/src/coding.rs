@@ -175,7 +175,7 @@ mod tests {
         let read = |bytes: &[u8]| decode_message::<SceneValue<Vec<BlobId>>>(bytes).err();
         assert_eq!(read(&[252, 255, 255, 255, 255, 0]), Some(CodingError::EndsEarly), "a forged count");
         let unknown = CodingError::UnknownVariant("BlobId").to_string();
-        assert_eq!(read(&[1, 0, 12]), Some(CodingError::Value { why: unknown }));
+        assert_eq!(read(&[1, 0, 13]), Some(CodingError::Value { why: unknown }));
         let long = CodingError::IntegerNotShortest.to_string();
         assert_eq!(read(&[1, 251, 5, 0, 0]), Some(CodingError::Value { why: long }));
         // Each id takes 16 bytes in memory and 2 in the message.

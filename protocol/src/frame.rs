@@ -38,6 +38,7 @@ mod tag {
     pub(super) const REFUSED_MANY: u8 = 0x49;
     pub(super) const PUNCTUAL_LIGHTS: u8 = 0x4A | OPTIONAL;
     pub(super) const PARTS: u8 = 0x4B | OPTIONAL;
+    pub(super) const ANIMATIONS: u8 = 0x4C | OPTIONAL;
 }
 
 /// A frame that cannot be decoded. The session is closed with [`FrameError::close_code`].
@@ -257,6 +258,7 @@ impl Frame {
                 ServerMessage::PunctualLights(decode_scene_value("PunctualLights", body)?)
             }
             tag::PARTS => ServerMessage::Parts(decode_scene_value("Parts", body)?),
+            tag::ANIMATIONS => ServerMessage::Animations(decode_scene_value("Animations", body)?),
             tag::REFUSED => ServerMessage::Refused(decode("Refused", body)?),
             tag::REFUSED_MANY => ServerMessage::RefusedMany(decode("RefusedMany", body)?),
             tag::BASES_SENT => decode::<()>("BasesSent", body).map(|()| ServerMessage::BasesSent)?,
@@ -341,6 +343,7 @@ pub fn encode_server(message: &ServerMessage) -> Result<Vec<u8>, FrameError> {
             frame("PunctualLights", tag::PUNCTUAL_LIGHTS, &SceneValue(punctual_lights))
         }
         ServerMessage::Parts(table) => frame("Parts", tag::PARTS, &SceneValue(table)),
+        ServerMessage::Animations(table) => frame("Animations", tag::ANIMATIONS, &SceneValue(table)),
         ServerMessage::Refused(refused) => frame("Refused", tag::REFUSED, refused),
         ServerMessage::RefusedMany(many) => frame("RefusedMany", tag::REFUSED_MANY, many),
         ServerMessage::BasesSent => frame("BasesSent", tag::BASES_SENT, &()),

@@ -1,5 +1,6 @@
 //! Control messages: all that the peers exchange besides blobs.
 
+use lodestream_scene::animation::{AnimationError, AnimationTable};
 use lodestream_scene::blob::BlobId;
 use lodestream_scene::description::{Fingerprint, SceneError, SceneHeader, ScenePage};
 use lodestream_scene::limits::{
@@ -135,6 +136,8 @@ pub enum ServerMessage {
     /// The scene has a table of what its parts are called: once, after `Welcome`. Clients request blobs of it only then.
     /// Optional for clients.
     Parts(PartTable),
+    /// The scene has animated models: once, after `Welcome`. Clients request blobs of them only then. Optional for clients.
+    Animations(AnimationTable),
     /// A requested blob will not be sent.
     Refused(Refused),
     /// Refusals of several blobs, 1 to [`MAX_IDS_PER_MESSAGE`].
@@ -330,6 +333,9 @@ pub enum MessageError {
     /// The summary of the parts' names is invalid.
     #[error(transparent)]
     Parts(#[from] PartsError),
+    /// The summary of animated models is invalid.
+    #[error(transparent)]
+    Animations(#[from] AnimationError),
 }
 
 fn ensure(ok: bool, why: MessageError) -> Result<(), MessageError> {
@@ -366,6 +372,7 @@ impl ServerMessage {
             Self::ScenePage(page) => Ok(page.check()?),
             Self::PunctualLights(punctual_lights) => Ok(punctual_lights.first().map(drop)?),
             Self::Parts(table) => Ok(table.check()?),
+            Self::Animations(table) => Ok(table.check()?),
             Self::Close(close) => ensure(close.reason.len() <= MAX_REASON_BYTES, MessageError::Reason),
             Self::RefusedMany(many) => {
                 ensure((1..=MAX_IDS_PER_MESSAGE).contains(&many.len()), MessageError::Refusals)

@@ -215,7 +215,7 @@ impl Pair {
                     let (asset, part) = of_asset(id);
                     client_state.assets[asset].set_state(part, State::Failed);
                 }
-                ClientEvent::PunctualLights(_) | ClientEvent::Parts(_) => {}
+                ClientEvent::PunctualLights(_) | ClientEvent::Parts(_) | ClientEvent::Animations(_) => {}
                 ClientEvent::BasesSent => client_state.bases_sent = Some(now),
                 ClientEvent::Done => client_state.done = Some(now),
                 ClientEvent::Closed(close) => client_state.closed = Some(close),

@@ -6,6 +6,7 @@ use std::sync::Arc;
 
 use bytes::Bytes;
 
+use lodestream_scene::animation::AnimationTable;
 use lodestream_scene::blob::BlobId;
 use lodestream_scene::description::{SceneHeader, ScenePage};
 use lodestream_scene::parts::PartTable;
@@ -67,6 +68,11 @@ pub trait SceneSource: Send + Sync {
         None
     }
 
+    /// The number of the scene's animated models; `None` if it has none.
+    fn animations(&self) -> Option<AnimationTable> {
+        None
+    }
+
     /// Length of a blob in bytes; `None` if there is no such blob. Must not read the blob.
     fn blob_len(&self, id: &BlobId) -> Option<u32>;
 
@@ -123,6 +129,10 @@ impl<S: SceneSource> SceneSource for Immediate<S> {
 
     fn parts(&self) -> Option<PartTable> {
         self.0.parts()
+    }
+
+    fn animations(&self) -> Option<AnimationTable> {
+        self.0.animations()
     }
 
     fn blob_len(&self, id: &BlobId) -> Option<u32> {

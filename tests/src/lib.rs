@@ -44,6 +44,8 @@
 #[cfg(test)]
 mod access;
 #[cfg(test)]
+mod animations;
+#[cfg(test)]
 mod bad_input;
 #[cfg(test)]
 mod browser;

@@ -13,7 +13,7 @@ struct Group {
     rare: &'static [&'static str],
 }
 
-const GROUPS: [Group; 8] = [
+const GROUPS: [Group; 9] = [
     Group { title: "Files", usual: &["watch", "share", "up"], rare: &["cache"] },
     Group { title: "Server", usual: &["token_file"], rare: &["ca"] },
     Group {
@@ -23,7 +23,17 @@ const GROUPS: [Group; 8] = [
     },
     Group {
         title: "Picture",
-        usual: &["headless", "output", "transparent", "turntable", "camera_path", "camera", "pixel_error"],
+        usual: &[
+            "headless",
+            "output",
+            "transparent",
+            "turntable",
+            "camera_path",
+            "camera",
+            "orthographic",
+            "section",
+            "pixel_error",
+        ],
         rare: &[],
     },
     Group {
@@ -57,6 +67,7 @@ const GROUPS: [Group; 8] = [
             "ground_seconds",
         ],
     },
+    Group { title: "Animation", usual: &["animation", "animation_time"], rare: &[] },
     Group { title: "Parts", usual: &[], rare: &["part", "pick", "hide", "isolate", "tint"] },
     Group {
         title: "Figures and limits",

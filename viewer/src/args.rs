@@ -193,6 +193,12 @@ pub(crate) struct Args {
     /// Tint a part
     #[arg(long, value_name = "INSTANCE:PART=RRGGBB")]
     pub(crate) tint: Vec<TintArg>,
+    /// Play this clip [default: the scene's first]
+    #[arg(long, value_name = "NAME")]
+    pub(crate) animation: Option<String>,
+    /// Show clips at this time instead of playing them. With --headless clips are shown only if one or a time is given
+    #[arg(long, value_name = "SECONDS", value_parser = clip_time)]
+    pub(crate) animation_time: Option<f64>,
     /// No relief mapping
     #[arg(long)]
     pub(crate) no_relief: bool,
@@ -268,6 +274,12 @@ fn exaggeration(text: &str) -> Result<f64, String> {
 fn exaggeration_seconds(text: &str) -> Result<f64, String> {
     let seconds = text.parse().map_err(|_| "write a number".to_owned())?;
     VerticalExaggeration::default().towards(1.0, seconds, 0.0).map(|_| seconds).map_err(|why| why.to_string())
+}
+
+/// Parses a time of a clip.
+fn clip_time(text: &str) -> Result<f64, String> {
+    let seconds = text.parse().ok().filter(|seconds: &f64| (0.0..=1e9).contains(seconds));
+    seconds.ok_or_else(|| "write a number of seconds from 0".to_owned())
 }
 
 /// Parses the least angle of creases.

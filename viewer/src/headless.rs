@@ -19,7 +19,7 @@ use crate::local::{LocalOptions, Preparation, Target};
 use crate::outcome::{Outcome, describe_end, describe_missing};
 use crate::run::{core_config, server, settings, write_statistics};
 use crate::sequence::{self, numbered};
-use crate::{matte, part_names, parts, signals, token};
+use crate::{animation, matte, part_names, parts, signals, token};
 
 /// Time limit of a run without `--timeout`.
 const DEFAULT_TIMEOUT: Duration = Duration::from_secs(300);
@@ -68,9 +68,11 @@ pub(crate) fn run(args: &Args, target: Target) -> anyhow::Result<Outcome> {
     let mut streaming = Streaming::start(server(args, &address)?, core_config(args)?, retry, notify)?;
     token::follow(args.token_file.as_ref(), &streaming)?;
     streaming.pin_instances(parts::instances(args));
+    streaming.animate(animation::moment(args));
     let mut headless = Headless::new(Gpu::headless()?, width, height)?;
     headless.time_passes(args.stats.is_some());
     let mut scene = SceneView::new();
+    scene.animate(animation::moment(args));
     scene.set_vertical_exaggeration(args.ground_heights, 0.0, 0.0)?;
     let clock = streaming.clock();
     let deadline = args.timeout.map_or(DEFAULT_TIMEOUT, |t| t.0);
@@ -133,6 +135,7 @@ pub(crate) fn run(args: &Args, target: Target) -> anyhow::Result<Outcome> {
             return Ok(Outcome::Interrupted(signal));
         }
     };
+    animation::check(args, scene.animations())?;
     part_names::print(args, &mut streaming, deadline.saturating_sub(clock.now().into()))?;
     parts::apply(args, headless.gpu(), &mut scene)?;
     if let Some(camera) = camera(args, &scene) {

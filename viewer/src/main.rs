@@ -1,5 +1,6 @@
 //! The program `lodestream-viewer`: command line, headless mode, window.
 
+mod animation;
 mod arg_groups;
 mod args;
 mod figures;

@@ -93,11 +93,13 @@ impl Transfer {
     }
 }
 
-/// The object of a change; none for terrain.
+/// The object of a change; none for terrain and animations.
 fn delta(change: &Change, transfer: &mut Transfer) -> Option<JsValue> {
     let object = match change {
         Change::Scene(header) => scene(header),
-        Change::PunctualLights { .. } | Change::HeightOverrides { .. } => return None,
+        Change::PunctualLights { .. } | Change::HeightOverrides { .. } | Change::Animation { .. } => {
+            return None;
+        }
         Change::PunctualLightPage { page, punctual_lights } => fields([
             ("kind", "lights".into()),
             ("page", (*page).into()),

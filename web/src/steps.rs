@@ -3,6 +3,7 @@
 
 use lodestream_client::core::{Change, IndexRun, MeshChange, NewAsset, TextureChange, TexturePixels, Vertex};
 use lodestream_geometry::refine::RenderVertex;
+use lodestream_scene::animation::AnimatedModel;
 use lodestream_scene::blob::Tile;
 use lodestream_scene::encoding::{CodingError, Decode, Encode, Reader, SliceReader};
 use lodestream_scene::instances;
@@ -24,6 +25,9 @@ pub enum StepError {
     /// Overrides that contradict each other.
     #[error("step of changes: {0}")]
     Terrain(String),
+    /// An animated model that is not valid.
+    #[error("step of changes: {0}")]
+    Animation(String),
 }
 
 /// Finest level of a patch that can hold all places of an override.
@@ -97,6 +101,10 @@ fn encode_change(change: &Change, out: &mut Vec<u8>) -> Result<(), StepError> {
         }
         Change::Mesh(mesh) => encode_mesh(mesh, out)?,
         Change::FirstFrame => 6_u8.encode(out)?,
+        Change::Animation { number, model } => {
+            let bytes = model.to_bytes().map_err(|why| StepError::Animation(why.to_string()))?;
+            (12_u8, *number, bytes).encode(out)?;
+        }
         &Change::TileRemoved { asset, tile: Tile { texture, level, tile } } => {
             (11_u8, asset).encode(out)?;
             (texture, level, tile).encode(out)?;
@@ -141,6 +149,12 @@ fn decode_change<R: Reader>(reader: &mut R) -> Result<Change, StepError> {
         }),
         5 => Change::Mesh(decode_mesh(reader)?),
         6 => Change::FirstFrame,
+        12 => {
+            let (number, bytes): (u32, Vec<u8>) = (get(reader)?, get(reader)?);
+            let model =
+                AnimatedModel::from_bytes(&bytes).map_err(|why| StepError::Animation(why.to_string()))?;
+            Change::Animation { number, model: model.into() }
+        }
         11 => Change::TileRemoved {
             asset: get(reader)?,
             tile: Tile { texture: get(reader)?, level: get(reader)?, tile: get(reader)? },

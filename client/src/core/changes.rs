@@ -4,6 +4,7 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use lodestream_geometry::refine::RenderVertex;
+use lodestream_scene::animation::AnimatedModel;
 use lodestream_scene::asset::{Material, TextureInfo};
 use lodestream_scene::blob::Tile;
 use lodestream_scene::description::{Instance, SceneHeader};
@@ -53,6 +54,13 @@ pub enum Change {
         asset: u32,
         /// The tile.
         tile: Tile,
+    },
+    /// An animated model, which moves instances that may not have arrived.
+    Animation {
+        /// Its number.
+        number: u32,
+        /// What moves, and its clips.
+        model: Arc<AnimatedModel>,
     },
     /// The height overrides of a terrain patch; they replace earlier ones.
     HeightOverrides {
@@ -160,6 +168,7 @@ impl Change {
                     + mesh.indices.iter().map(|run| run.faces.len() * 12).sum::<usize>()
             }
             Self::HeightOverrides { overrides, .. } => overrides.len() * size_of::<HeightOverride>(),
+            Self::Animation { model, .. } => model.memory_bytes(),
             Self::Texture(texture) => texture.pixels.bytes(),
         }
     }

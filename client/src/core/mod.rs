@@ -16,6 +16,7 @@
 //! while their bytes stay in a bounded cache. Chunks are decoded on threads that the host lends ([`Decoders`]) or on
 //! the caller's.
 
+mod animated_models;
 mod asset;
 mod cache;
 mod changes;

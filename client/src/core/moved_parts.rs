@@ -1,4 +1,4 @@
-//! Parts that are moved within their instances.
+//! Parts that are moved within their instances, and instances that an animation moves as a whole.
 
 use std::collections::BTreeMap;
 
@@ -6,41 +6,65 @@ use glam::DVec3;
 use lodestream_scene::parts::{PartTransform, ScenePart};
 use lodestream_scene::placement::Placement;
 
-/// Transforms of the moved parts, by instance and part.
+/// Transforms of the moved parts, by instance and part, and of the moved instances.
 #[derive(Debug, Default)]
-pub(super) struct MovedParts(BTreeMap<u32, BTreeMap<u32, PartTransform>>);
+pub(super) struct MovedParts {
+    parts: BTreeMap<u32, BTreeMap<u32, PartTransform>>,
+    instances: BTreeMap<u32, PartTransform>,
+}
 
 impl MovedParts {
-    pub(super) fn new(parts: &BTreeMap<ScenePart, PartTransform>) -> Self {
-        let mut this = Self::default();
+    /// Sets the parts that are moved.
+    pub(super) fn set_parts(&mut self, parts: &BTreeMap<ScenePart, PartTransform>) {
+        self.parts.clear();
         for (part, transform) in parts {
-            this.0.entry(part.instance).or_default().insert(part.part, *transform);
+            self.parts.entry(part.instance).or_default().insert(part.part, *transform);
         }
-        this
     }
 
-    /// The moved parts of an instance, if it has any.
-    pub(super) fn of(&self, instance: u32) -> Option<&BTreeMap<u32, PartTransform>> {
-        self.0.get(&instance)
+    /// Sets the instances that are moved, with their parts.
+    pub(super) fn set_instances(&mut self, instances: BTreeMap<u32, PartTransform>) {
+        self.instances = instances;
+    }
+
+    /// Whether anything of an instance is moved.
+    pub(super) fn moves(&self, instance: u32) -> bool {
+        self.parts.contains_key(&instance) || self.instances.contains_key(&instance)
     }
 
     /// The transform of a part, if it is moved.
-    pub(super) fn transform(&self, part: ScenePart) -> Option<&PartTransform> {
-        self.of(part.instance)?.get(&part.part)
+    pub(super) fn transform(&self, part: ScenePart) -> Option<PartTransform> {
+        let own = self.parts.get(&part.instance).and_then(|parts| parts.get(&part.part));
+        match (own, self.instances.get(&part.instance)) {
+            (Some(own), Some(whole)) => Some(whole.after(own)),
+            (own, whole) => own.or(whole).copied(),
+        }
+    }
+
+    /// All transforms of an instance: that of the whole first.
+    fn of(&self, instance: u32) -> impl Iterator<Item = PartTransform> {
+        let whole = self.instances.get(&instance).copied();
+        let parts = self.parts.get(&instance).into_iter().flat_map(BTreeMap::values);
+        let moved = move |own: &PartTransform| whole.map_or(*own, |whole| whole.after(own));
+        whole.into_iter().chain(parts.map(moved))
     }
 
     /// A sphere about an instance, of which `sphere` is in units of its asset: centre and radius in the world.
     pub(super) fn sphere(&self, instance: u32, placement: &Placement, sphere: (DVec3, f64)) -> (DVec3, f64) {
-        let moved = self.of(instance).into_iter().flat_map(BTreeMap::values);
-        let (centre, radius) = PartTransform::bounds(moved, sphere);
+        let moved: Vec<PartTransform> = self.of(instance).collect();
+        let (centre, radius) = PartTransform::bounds(moved.iter(), sphere);
         (placement.to_world(centre), radius * f64::from(placement.scale))
     }
 
     /// Each transform once for each instance.
     pub(super) fn distinct(&self) -> Vec<(u32, PartTransform)> {
-        let of = |(&instance, parts): (&u32, &BTreeMap<u32, PartTransform>)| {
-            PartTransform::distinct(parts.values()).into_iter().map(move |transform| (instance, transform))
+        let mut instances: Vec<u32> = self.parts.keys().chain(self.instances.keys()).copied().collect();
+        instances.sort_unstable();
+        instances.dedup();
+        let of = |instance: u32| {
+            let all: Vec<PartTransform> = self.of(instance).collect();
+            PartTransform::distinct(all.iter()).into_iter().map(move |transform| (instance, transform))
         };
-        self.0.iter().flat_map(of).collect()
+        instances.into_iter().flat_map(of).collect()
     }
 }

@@ -218,14 +218,14 @@ impl ClientCore {
         let skip = |number| is_hidden(part(number));
         let ray = |from: DVec3, along: DVec3| [(from - own).to_array(), along.to_array()];
         let still = ray(from, along);
-        let hit = match self.moved.of(number) {
-            None => mesh.cast_ray(still[0], still[1], farthest, skip),
-            Some(moved) => {
-                let ray = |part: u32| {
-                    moved.get(&part).map_or(still, |to| ray(to.undo(from), to.undo_direction(along)))
-                };
-                mesh.cast_ray_of_each(ray, farthest, skip)
-            }
+        let hit = if self.moved.moves(number) {
+            let ray = |number: u32| {
+                let moved = self.moved.transform(part(number));
+                moved.map_or(still, |to| ray(to.undo(from), to.undo_direction(along)))
+            };
+            mesh.cast_ray_of_each(ray, farthest, skip)
+        } else {
+            mesh.cast_ray(still[0], still[1], farthest, skip)
         }?;
         let place = origin + direction * hit.distance;
         Some(Hit { instance: number, part: Some(hit.part), place, distance: hit.distance })

@@ -10,6 +10,7 @@ use lodestream_scene::description::{Instance, SceneHeader, ScenePage};
 use lodestream_scene::proxy::{Cut, Proxies, Proxy, ProxyError};
 use lodestream_select::{AssetState, InstanceTree, Instances, State};
 
+use super::animated_models::AnimatedModels;
 use super::asset::RefinedAsset;
 use super::changes::{Change, NewAsset};
 use super::height_overrides::HeightOverridePatches;
@@ -43,6 +44,8 @@ pub(crate) struct Scene {
     pub(super) terrain: Option<HeightOverridePatches>,
     /// Punctual lights, if the scene has any.
     pub(super) punctual_lights: Option<PunctualLightPages>,
+    /// Animated models, if the scene has any.
+    pub(super) animations: Option<AnimatedModels>,
     next_page: u32,
     /// Pages that arrived out of order.
     early: BTreeMap<u32, ScenePage>,

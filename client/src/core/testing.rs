@@ -18,6 +18,7 @@ use lodestream_protocol::message::ClientMessage;
 use lodestream_protocol::server::{ServerConfig, ServerSession, Transmit};
 use lodestream_protocol::source::{SceneSource, SourceError};
 use lodestream_protocol::time::Time;
+use lodestream_scene::animation::{AnimatedModel, AnimationTable};
 use lodestream_scene::asset::{
     AssetDescription, Material, TILE_BORDER, TILE_SIDE, TextureFormat, TextureInfo, TextureKind,
     TextureLevel, TexturePatch, TextureRegion, TextureRegions, tile_grid,
@@ -160,6 +161,7 @@ pub(crate) struct TestScene {
     /// Blobs of punctual lights and parts.
     scene_blobs: BTreeMap<BlobId, Bytes>,
     parts: Option<PartTable>,
+    animations: Option<AnimationTable>,
     /// Listed, but served as not found.
     pub(crate) missing: BTreeSet<BlobId>,
     /// Blobs that the server cannot read from its disk.
@@ -264,6 +266,7 @@ impl TestScene {
             punctual_lights: None,
             scene_blobs: BTreeMap::new(),
             parts: None,
+            animations: None,
             missing: BTreeSet::new(),
             unreadable: Mutex::default(),
         }
@@ -366,6 +369,15 @@ impl TestScene {
         self
     }
 
+    /// The same with animated models.
+    pub(crate) fn animated(mut self, models: &[AnimatedModel]) -> Self {
+        for (number, model) in (0..).zip(models) {
+            self.scene_blobs.insert(BlobId::Animation(number), model.to_bytes().unwrap().into());
+        }
+        self.animations = Some(AnimationTable { models: models.len() as u32 });
+        self
+    }
+
     pub(crate) fn camera(&self) -> Camera {
         self.header.camera
     }
@@ -413,6 +425,10 @@ impl SceneSource for TestScene {
 
     fn parts(&self) -> Option<PartTable> {
         self.parts
+    }
+
+    fn animations(&self) -> Option<AnimationTable> {
+        self.animations
     }
 
     fn blob_len(&self, id: &BlobId) -> Option<u32> {

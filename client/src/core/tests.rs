@@ -1,5 +1,6 @@
 //! Tests of the core against a real server session, in virtual time.
 
+mod animation;
 mod decoding;
 mod faults;
 mod memory;

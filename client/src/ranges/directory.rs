@@ -322,6 +322,7 @@ impl Directory {
                     None => Location::Needs(Item::PartTable(table)),
                 }
             }
+            Item::Blob(BlobId::Animation(model)) => listed(&opening.animations, model),
             Item::Blob(BlobId::Asset { asset, part }) => match part {
                 BlobPart::Base => self.on_page(asset).map_or(Location::Nowhere, |(number, at)| {
                     let (place, record) = (&opening.pages[number as usize], self.page(number));

@@ -65,6 +65,7 @@ pub(crate) fn publish(scene: &TestScene) -> Objects {
         parts: scene.parts(),
         part_directory: blobs(BlobId::part_directory),
         part_pages: blobs(BlobId::part_page),
+        animations: blobs(BlobId::Animation),
         packs,
     };
     objects.insert(None, contents.encode().unwrap());

@@ -19,9 +19,11 @@ fn settled<N: Fn()>(notify: N) -> (StreamHost<N>, watch::Receiver<Status>, Time)
     let (sender, status) = watch::channel(Status::default());
     let (_, pinned) = watch::channel(Vec::new());
     let (_, moved) = watch::channel(MovedParts::new());
+    let (_, moment) = watch::channel(None);
     let host = StreamHost {
         pinned,
         moved,
+        moment,
         core: link.core,
         controls,
         tokens,

@@ -89,7 +89,7 @@ pub enum PartBlob {
 /// Name of one blob within a scene.
 ///
 /// Two to fourteen bytes on the wire: a number, then the kind. The number is the asset's index where the kind is a part
-/// of an asset, and the index of the page or patch for terrain, punctual lights and parts.
+/// of an asset, and the index of the page, patch or model for terrain, punctual lights, parts and animations.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum BlobId {
     /// Part of an asset.
@@ -105,6 +105,8 @@ pub enum BlobId {
     PunctualLights(PunctualLightBlob),
     /// What the scene's parts are called.
     Parts(PartBlob),
+    /// An animated model ([`crate::animation::AnimatedModel`]), by its number.
+    Animation(u32),
 }
 
 /// Numbers of the kinds of blobs, the second field of a [`BlobId`] on the wire.
@@ -121,6 +123,7 @@ mod kind {
     pub(super) const PART_PAGE: u32 = 9;
     pub(super) const TEXTURE_REGIONS: u32 = 10;
     pub(super) const TILE: u32 = 11;
+    pub(super) const ANIMATION: u32 = 12;
 }
 
 impl BlobId {
@@ -196,21 +199,21 @@ impl BlobId {
         Self::Parts(PartBlob::Page(page))
     }
 
-    /// The asset that the blob is a part of; `None` for terrain, lights and parts.
+    /// The asset that the blob is a part of; `None` for terrain, lights, parts and animations.
     #[must_use]
     pub const fn asset(&self) -> Option<u32> {
         match *self {
             Self::Asset { asset, .. } => Some(asset),
-            Self::Terrain(_) | Self::PunctualLights(_) | Self::Parts(_) => None,
+            Self::Terrain(_) | Self::PunctualLights(_) | Self::Parts(_) | Self::Animation(_) => None,
         }
     }
 
-    /// The part of the asset that the blob is; `None` for terrain, lights and parts.
+    /// The part of the asset that the blob is; `None` for terrain, lights, parts and animations.
     #[must_use]
     pub const fn part(&self) -> Option<BlobPart> {
         match *self {
             Self::Asset { part, .. } => Some(part),
-            Self::Terrain(_) | Self::PunctualLights(_) | Self::Parts(_) => None,
+            Self::Terrain(_) | Self::PunctualLights(_) | Self::Parts(_) | Self::Animation(_) => None,
         }
     }
 }
@@ -243,6 +246,7 @@ impl Encode for BlobId {
             }
             Self::Parts(PartBlob::DirectoryPage(page)) => (page, kind::PART_DIRECTORY_PAGE).encode(writer),
             Self::Parts(PartBlob::Page(page)) => (page, kind::PART_PAGE).encode(writer),
+            Self::Animation(model) => (model, kind::ANIMATION).encode(writer),
         }
     }
 }
@@ -261,6 +265,7 @@ impl Decode for BlobId {
             kind::PUNCTUAL_LIGHT_PAGE => Self::punctual_light_page(number),
             kind::PART_DIRECTORY_PAGE => Self::part_directory(number),
             kind::PART_PAGE => Self::part_page(number),
+            kind::ANIMATION => Self::Animation(number),
             kind::TEXTURE_REGIONS => Self::Asset { asset: number, part: BlobPart::TextureRegions },
             kind::TILE => {
                 let (texture, level, tile) =
@@ -297,6 +302,7 @@ impl std::fmt::Display for BlobId {
             Self::PunctualLights(PunctualLightBlob::Page(page)) => write!(f, "punctual light page {page}"),
             Self::Parts(PartBlob::DirectoryPage(page)) => write!(f, "part directory page {page}"),
             Self::Parts(PartBlob::Page(page)) => write!(f, "part page {page}"),
+            Self::Animation(model) => write!(f, "animation {model}"),
         }
     }
 }
@@ -328,6 +334,7 @@ mod tests {
             (BlobId::punctual_light_page(4000), &[251, 160, 15, 7]),
             (BlobId::part_directory(5), &[5, 8]),
             (BlobId::part_page(300), &[251, 44, 1, 9]),
+            (BlobId::Animation(5), &[5, 12]),
             (BlobId::texture_regions(6), &[6, 10]),
             (BlobId::tile(7, Tile { texture: 3, level: 11, tile: 300 }), &[7, 11, 3, 11, 251, 44, 1]),
         ] {
@@ -338,7 +345,7 @@ mod tests {
 
     #[test]
     fn unknown_kinds_are_refused() {
-        for kind in [12, 250] {
+        for kind in [13, 250] {
             assert!(decoded(&[0, kind, 0, 0]).is_err());
         }
     }
@@ -355,6 +362,7 @@ mod tests {
             BlobId::punctual_light_page(0),
             BlobId::part_directory(9),
             BlobId::part_page(0),
+            BlobId::Animation(0),
         ];
         assert!(order.is_sorted());
     }

@@ -12,6 +12,7 @@
 //! | [`terrain`] | a scene's terrain, and the directory of its height overrides |
 //! | [`punctual_lights`] | point and spot lights, and their pages |
 //! | [`parts`] | what the parts of the scene are called |
+//! | [`animation`] | clips of keyframes that move instances |
 //! | [`published`] | the scene as an object that clients read in ranges |
 //! | [`placement`] | where an object stands: position, rotation and scale |
 //! | [`view`], [`pose`] | a camera for screen errors, with its picture, and for drawing, in f64 |
@@ -29,6 +30,7 @@
     )
 )]
 
+pub mod animation;
 pub mod asset;
 pub mod blob;
 pub mod description;

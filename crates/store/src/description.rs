@@ -1,5 +1,6 @@
 //! The scene description: everything that a server needs besides the packs.
 
+use bytes::Bytes;
 use lodestream_scene::description::{Fingerprint, SceneHeader, ScenePage};
 use lodestream_scene::encoding;
 
@@ -21,6 +22,8 @@ pub struct SceneDescription {
     pub punctual_lights: PunctualLightBlobs,
     /// What the scene's parts are called.
     pub parts: PartBlobs,
+    /// Blobs of its animated models, by number.
+    pub animations: Vec<Bytes>,
 }
 
 impl SceneDescription {
@@ -40,7 +43,8 @@ impl SceneDescription {
         for page in &self.pages {
             add(&encoding::encode(page).unwrap_or_default());
         }
-        for blob in self.terrain.all().chain(self.punctual_lights.all()).chain(self.parts.all()) {
+        let beside = self.terrain.all().chain(self.punctual_lights.all()).chain(self.parts.all());
+        for blob in beside.chain(&self.animations) {
             add(blob);
         }
         let mut fingerprint = Fingerprint::default();

@@ -8,6 +8,7 @@ use futures_util::{StreamExt as _, TryStreamExt as _};
 use lodestream_compress::decode_base;
 use lodestream_geometry::refine::ActiveMesh;
 use lodestream_protocol::source::{BlobFuture, CacheUse, Reading, SceneSource, SourceError};
+use lodestream_scene::animation::AnimationTable;
 use lodestream_scene::description::{SceneHeader, ScenePage};
 use lodestream_scene::parts::PartTable;
 use lodestream_scene::published::pack_name;
@@ -46,6 +47,7 @@ pub struct SceneStore {
     terrain: TerrainBlobs,
     punctual_lights: PunctualLightBlobs,
     parts: PartBlobs,
+    animations: Vec<Bytes>,
     cache: BlobCache,
     /// Runtime for blocking reads from object stores.
     runtime: Option<Handle>,
@@ -95,7 +97,8 @@ impl SceneStore {
     }
 
     fn of(description: SceneDescription, packs: Vec<Pack>, cache: &BlobCache) -> Self {
-        let SceneDescription { header, pages, asset_order: _, terrain, punctual_lights, parts } = description;
+        let SceneDescription { header, pages, asset_order: _, terrain, punctual_lights, parts, animations } =
+            description;
         Self {
             header,
             pages: pages.into_iter().map(Arc::new).collect(),
@@ -104,6 +107,7 @@ impl SceneStore {
             terrain,
             punctual_lights,
             parts,
+            animations,
             cache: cache.clone(),
             runtime: None,
             hits: AtomicU64::new(0),
@@ -125,13 +129,14 @@ impl SceneStore {
         Ok(())
     }
 
-    /// A blob of the terrain, the lights or the names of parts, which no pack holds.
+    /// A blob of the terrain, the lights, the names of parts or animations, which no pack holds.
     fn own(&self, id: &BlobId) -> Option<&Bytes> {
         match *id {
             BlobId::Asset { .. } => None,
             BlobId::Terrain(blob) => self.terrain.get(blob),
             BlobId::PunctualLights(blob) => self.punctual_lights.get(blob),
             BlobId::Parts(blob) => self.parts.get(blob),
+            BlobId::Animation(model) => self.animations.get(model as usize),
         }
     }
 
@@ -166,10 +171,15 @@ impl SceneSource for SceneStore {
         self.parts.table()
     }
 
+    fn animations(&self) -> Option<AnimationTable> {
+        let models = u32::try_from(self.animations.len()).ok().filter(|models| *models > 0)?;
+        Some(AnimationTable { models })
+    }
+
     fn blob_len(&self, id: &BlobId) -> Option<u32> {
         match *id {
             BlobId::Asset { .. } => self.pack(id).and_then(|(pack, part)| pack.blob_len(part)),
-            BlobId::Terrain(_) | BlobId::PunctualLights(_) | BlobId::Parts(_) => {
+            BlobId::Terrain(_) | BlobId::PunctualLights(_) | BlobId::Parts(_) | BlobId::Animation(_) => {
                 u32::try_from(self.own(id)?.len()).ok()
             }
         }
@@ -192,7 +202,7 @@ impl SceneSource for SceneStore {
 
     fn try_read(&self, id: &BlobId) -> Result<Reading, SourceError> {
         match id {
-            BlobId::Terrain(_) | BlobId::PunctualLights(_) | BlobId::Parts(_) => {
+            BlobId::Terrain(_) | BlobId::PunctualLights(_) | BlobId::Parts(_) | BlobId::Animation(_) => {
                 self.read(id).map(Reading::Ready)
             }
             _ if self.blob_len(id).is_none() => Err(SourceError::NotFound(*id)),

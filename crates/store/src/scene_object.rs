@@ -48,7 +48,7 @@ impl SceneObject {
     /// # Errors
     /// A scene longer than [`MAX_SCENE_OBJECT_BYTES`], or one whose header or page is longer than a message.
     pub fn encode(&self) -> Result<Vec<u8>, SceneObjectError> {
-        let SceneDescription { header, pages, asset_order: _, terrain, punctual_lights, parts } =
+        let SceneDescription { header, pages, asset_order: _, terrain, punctual_lights, parts, animations } =
             &self.description;
         check_lengths(&self.description)?;
         let (terrain_directory, height_overrides) = terrain.parts();
@@ -65,6 +65,7 @@ impl SceneObject {
             parts: parts.table(),
             part_directory: part_directory.to_vec(),
             part_pages: part_pages.to_vec(),
+            animations: animations.clone(),
             packs: self.packs.clone(),
         };
         Ok(contents.encode()?)
@@ -88,6 +89,7 @@ impl SceneObject {
             terrain: TerrainBlobs::of_parts(contents.terrain_directory, contents.height_overrides),
             punctual_lights,
             parts: PartBlobs::of_parts(contents.parts, contents.part_directory, contents.part_pages),
+            animations: contents.animations,
         };
         check_lengths(&description)?;
         if !description.has_stated_fingerprint() {

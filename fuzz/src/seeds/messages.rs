@@ -5,6 +5,7 @@ use lodestream_protocol::message::{
     ClientMessage, Close, CloseCode, Hello, ServerMessage, Token, Want, Welcome,
 };
 use lodestream_protocol::stream::blob_head;
+use lodestream_scene::animation::AnimationTable;
 use lodestream_scene::asset::{
     Alpha, AssetDescription, Material, NORMAL_PLANES, TextureFormat, TextureInfo, TextureKind, TextureLevel,
     Wrap,
@@ -97,6 +98,7 @@ pub(super) fn messages() -> Vec<(String, Vec<u8>)> {
         }),
         ServerMessage::PunctualLights(PunctualLights { count: 5000, first: Vec::new() }),
         ServerMessage::Parts(PartTable { records: 700 }),
+        ServerMessage::Animations(AnimationTable { models: 2 }),
     ];
     let mut seeds = Vec::new();
     let mut stream = vec![2];

@@ -1,5 +1,8 @@
-//! What a scene has besides meshes: terrain, punctual lights, names of parts.
+//! What a scene has besides meshes: terrain, punctual lights, names of parts, animations.
 
+use lodestream_scene::animation::{
+    AnimatedModel, AnimatedNode, AnimatedPart, Channel, Clip, Interpolation, Property, Rest,
+};
 use lodestream_scene::parts::{self, PartInfo};
 use lodestream_scene::punctual_lights::{
     PunctualLight, PunctualLightPageEntry, Spot, encode_directory, encode_page,
@@ -84,7 +87,42 @@ pub(super) fn parts() -> Vec<(String, Vec<u8>)> {
         seed("long", with(0, 2, long)),
         seed("directory", with(1, 4, directory(&[0..300, 300..301, 300..301, 301..302]))),
         seed("many-instances", with(1, 200, directory(&many))),
+        seed("animation", with(2, 1, door())),
     ]
+}
+
+/// A door that turns on a hinge, with a handle that jumps and a light that grows on a spline.
+fn door() -> Vec<u8> {
+    let node = |parent, translation| AnimatedNode {
+        parent,
+        to_parent: Default::default(),
+        rest: Rest { translation, ..Rest::default() },
+    };
+    let channel = |node, property, interpolation, timeline, values: &[f32]| Channel {
+        node,
+        property,
+        interpolation,
+        timeline,
+        values: values.to_vec(),
+    };
+    let turn = [0.0, 0.0, 0.0, 1.0, 0.0, 0.6, 0.0, 0.8];
+    let channels = vec![
+        channel(0, Property::Rotation, Interpolation::Linear, 0, &turn),
+        channel(1, Property::Translation, Interpolation::Step, 1, &[0.0, 0.5, 1.0, 0.0, 0.25, 1.0]),
+        channel(1, Property::Scale, Interpolation::CubicSpline, 0, &[1.0; 18]),
+    ];
+    let part = |node| AnimatedPart { node, to_node: Default::default(), from_model: Default::default() };
+    let model = AnimatedModel {
+        nodes: vec![node(None, [0.5, 1e6 + 0.1, 0.0]), node(Some(0), [0.5, 1.0, 0.0])],
+        parts: vec![part(0), part(1)],
+        places: vec![vec![0, 1], vec![7, 300]],
+        timelines: vec![vec![0.0, 1.5], vec![0.25, 2.0]],
+        clips: vec![
+            Clip { name: "open".into(), channels },
+            Clip { name: "shut".into(), channels: Vec::new() },
+        ],
+    };
+    model.to_bytes().expect("a model is encoded")
 }
 
 pub(super) fn terrain() -> Vec<(String, Vec<u8>)> {

@@ -75,6 +75,10 @@ fn import_gltf(data: &[u8], ceiling: Ceiling) -> bool {
         let path = folder.join(if data.starts_with(b"glTF") { "a.glb" } else { "a.gltf" });
         std::fs::write(&path, data).expect("a file in the temporary folder");
         let mut accepted = false;
+        let found = within(ceiling, data.len(), || lodestream_import::gltf::contents(&path, None));
+        for animation in found.into_iter().filter_map(|contents| contents.animation) {
+            assert!(animation.model.to_bytes().is_ok(), "what is found can be sent");
+        }
         let parts = [
             Part::Whole,
             Part::Mesh { mesh: 0, linear: [[1.0, 0.5, 0.0], [0.0, -2.0, 0.0], [0.0, 0.0, 1.0]] },

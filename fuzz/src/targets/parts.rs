@@ -1,22 +1,42 @@
-//! What the parts of a scene are called: pages of records, and their directory.
+//! What the parts of a scene are called, pages of records and their directory, and how they move.
 
+use lodestream_scene::animation::AnimatedModel;
 use lodestream_scene::parts::{check_page, decode_directory, decode_record, encode_page, records_of};
 
 use crate::input::Input;
 use crate::meter::{Ceiling, within};
 
 /// The first byte selects the format, the second the number of entries: a page of records or a page of their directory,
-/// in a scene of 1000 records. Accepted records survive encoding and decoding.
+/// in a scene of 1000 records, or an animated model. What is accepted survives encoding and decoding.
 pub fn parts(data: &[u8]) -> bool {
     let mut input = Input::new(data);
     let (kind, count) = (input.u8(), u32::from(input.u8()) + 1);
     let bytes = input.rest();
-    within(PARTS, bytes.len(), || if kind % 2 == 0 { page(bytes, count) } else { directory(bytes, count) })
+    if kind % 3 == 2 {
+        return within(ANIMATIONS, bytes.len(), || animation(bytes));
+    }
+    within(PARTS, bytes.len(), || if kind % 3 == 0 { page(bytes, count) } else { directory(bytes, count) })
 }
 
 /// A record may repeat 5,375 bytes of the one before it in 6 bytes: two are in memory at once, and all are encoded again.
 const PARTS: Ceiling =
     Ceiling { base_bytes: 4 << 20, bytes_per_byte: 64, base_steps: 1 << 20, steps_per_byte: 1 << 12 };
+
+/// A model takes up to 64 times its bytes, and is evaluated and encoded again.
+const ANIMATIONS: Ceiling =
+    Ceiling { base_bytes: 1 << 18, bytes_per_byte: 512, base_steps: 1 << 20, steps_per_byte: 1 << 12 };
+
+fn animation(bytes: &[u8]) -> bool {
+    let Ok(model) = AnimatedModel::from_bytes(bytes) else { return false };
+    assert_eq!(model.to_bytes().as_deref(), Ok(bytes), "an accepted model has one encoding");
+    for clip in model.clips.first().into_iter().chain(model.clips.last()) {
+        for time_s in [0.0, 0.4, model.duration_s(clip)] {
+            let transforms = model.transforms_at(Some(clip), time_s);
+            assert_eq!(transforms.len(), model.parts.len());
+        }
+    }
+    true
+}
 
 fn page(bytes: &[u8], count: u32) -> bool {
     if check_page(bytes, count).is_err() {

@@ -69,6 +69,7 @@ fn rehashed(data: &[u8]) -> Vec<u8> {
             &mut opening.light_tables,
             &mut opening.parts.directory,
             &mut opening.parts.tables,
+            &mut opening.animations,
         ];
         lists.into_iter().flatten().for_each(|part| rehash(&body, part));
         if let Ok(encoded) = encoding::encode(&opening)
@@ -144,7 +145,7 @@ fn wanted() -> Vec<Wanted> {
         ids.extend([BlobId::chunk(n, 0), BlobId::texture(n, 0, 0), BlobId::texture(0, 0, 1)]);
         ids.extend([BlobId::terrain_page(n), BlobId::height_overrides(n)]);
         ids.extend([BlobId::punctual_light_directory(n), BlobId::punctual_light_page(n)]);
-        ids.extend([BlobId::part_directory(n), BlobId::part_page(n)]);
+        ids.extend([BlobId::part_directory(n), BlobId::part_page(n), BlobId::Animation(n)]);
     }
     ids.sort_unstable();
     ids.dedup();

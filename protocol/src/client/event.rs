@@ -5,6 +5,7 @@ use std::time::Duration;
 use bytes::Bytes;
 
 use crate::message::{Close, RefusedReason, Welcome};
+use lodestream_scene::animation::AnimationTable;
 use lodestream_scene::blob::BlobId;
 use lodestream_scene::description::ScenePage;
 use lodestream_scene::parts::PartTable;
@@ -21,6 +22,8 @@ pub enum ClientEvent {
     PunctualLights(PunctualLights),
     /// The scene has a table of what its parts are called; comes before the first page.
     Parts(PartTable),
+    /// The scene has animated models; comes before the first page.
+    Animations(AnimationTable),
     /// A blob or a part of one, requested or pushed, is complete. Comes after [`ClientEvent::Connected`] even if the
     /// bytes arrived earlier.
     Blob {

@@ -108,6 +108,7 @@ impl ClientSession {
                 self.events.push_back(ClientEvent::PunctualLights(punctual_lights))
             }
             ServerMessage::Parts(table) => self.events.push_back(ClientEvent::Parts(table)),
+            ServerMessage::Animations(table) => self.events.push_back(ClientEvent::Animations(table)),
             ServerMessage::Refused(refused) => self.refused(refused),
             ServerMessage::RefusedMany(many) => many.into_iter().for_each(|refused| self.refused(refused)),
             ServerMessage::BasesSent => self.events.push_back(ClientEvent::BasesSent),

@@ -90,12 +90,15 @@ impl ServerSession {
         });
         let punctual_lights = source.punctual_lights().cloned().map(ServerMessage::PunctualLights);
         let parts = source.parts().map(ServerMessage::Parts);
+        let animations = source.animations().map(ServerMessage::Animations);
         let mut this = Self {
             phase: Phase::AwaitingHello,
             close: None,
             pace: Pace::new(config.limiter),
             timers: Timers::new(&config, now),
-            control: Outbox::new(std::iter::once(welcome).chain(punctual_lights).chain(parts)),
+            control: Outbox::new(
+                std::iter::once(welcome).chain(punctual_lights).chain(parts).chain(animations),
+            ),
             requests: Requests::new(config.max_queued),
             push: Push::new(plans, view, config.push_before_hello_bytes),
             done_reported: true,

@@ -7,6 +7,7 @@ use std::sync::Arc;
 use anyhow::Context as _;
 use bytes::Bytes;
 use lodestream_protocol::source::{SceneSource, SourceError};
+use lodestream_scene::animation::AnimationTable;
 use lodestream_scene::blob::{BlobId, BlobPart};
 use lodestream_scene::description::{SceneHeader, ScenePage};
 use lodestream_scene::parts::PartTable;
@@ -72,13 +73,14 @@ fn listed(scene: &impl SceneSource) -> Vec<BlobId> {
             }
         }
     }
-    let of_scene: [fn(u32) -> BlobId; 6] = [
+    let of_scene: [fn(u32) -> BlobId; 7] = [
         BlobId::terrain_page,
         BlobId::height_overrides,
         BlobId::punctual_light_directory,
         BlobId::punctual_light_page,
         BlobId::part_directory,
         BlobId::part_page,
+        BlobId::Animation,
     ];
     for id in of_scene {
         ids.extend((0..).map(id).take_while(exists));
@@ -101,6 +103,10 @@ impl SceneSource for PublishedScene {
 
     fn parts(&self) -> Option<PartTable> {
         self.store.parts()
+    }
+
+    fn animations(&self) -> Option<AnimationTable> {
+        self.store.animations()
     }
 
     fn blob_len(&self, id: &BlobId) -> Option<u32> {

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use bytes::Bytes;
 use lodestream_protocol::source::{Reading, SceneSource, SourceError};
 use lodestream_scene::BlobId;
+use lodestream_scene::animation::AnimationTable;
 use lodestream_scene::description::{SceneHeader, ScenePage};
 use lodestream_scene::parts::PartTable;
 use lodestream_scene::punctual_lights::PunctualLights;
@@ -27,6 +28,10 @@ impl SceneSource for WithoutOccluders {
 
     fn parts(&self) -> Option<PartTable> {
         self.0.parts()
+    }
+
+    fn animations(&self) -> Option<AnimationTable> {
+        self.0.animations()
     }
 
     fn blob_len(&self, id: &BlobId) -> Option<u32> {

@@ -9,6 +9,7 @@ use lodestream_bake::scene::{Scene, of_files};
 use lodestream_client::core::{Change, IndexRun, MeshChange, NewAsset, TextureChange, TexturePixels, Vertex};
 use lodestream_geometry::ancestor_closed_cut::{Budget, lowest_error};
 use lodestream_protocol::source::{SceneSource, SourceError};
+use lodestream_scene::animation::AnimationTable;
 use lodestream_scene::description::{AssetEntry, SceneHeader, ScenePage};
 use lodestream_scene::parts::PartTable;
 use lodestream_scene::punctual_lights::{PunctualLight, PunctualLights, decode_page};
@@ -203,6 +204,10 @@ impl SceneSource for Lacking {
 
     fn parts(&self) -> Option<PartTable> {
         self.scene.parts()
+    }
+
+    fn animations(&self) -> Option<AnimationTable> {
+        self.scene.animations()
     }
 
     fn blob_len(&self, id: &BlobId) -> Option<u32> {

@@ -7,6 +7,7 @@ use lodestream_client::core::{Change, ClientCore, Config, PartAbsence, StartView
 use lodestream_client::net::{Address, End, Retry, Server};
 use lodestream_client::streaming::{Status, Streaming};
 use lodestream_protocol::message::Token;
+use lodestream_scene::animation::Moment;
 use lodestream_scene::parts::{PartInfo, ScenePart};
 
 use super::{LIMIT, PICTURE_PX};
@@ -69,6 +70,11 @@ impl Viewer {
             assert!(Instant::now() < until, "no answer for {id:?}");
             let _ = self.notified.recv_timeout(Duration::from_millis(100));
         }
+    }
+
+    /// Shows a clip at a time.
+    pub(crate) fn animate(&self, moment: Option<Moment>) {
+        self.streaming.animate(moment);
     }
 
     /// Asks the client's core; waits for the answer.

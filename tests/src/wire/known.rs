@@ -8,6 +8,7 @@ use lodestream_geometry::base::Base;
 use lodestream_protocol::frame::{BlobPiece, Frame, FrameReader, ServerFrame};
 use lodestream_protocol::message::{ClientMessage, Hello, Refused, ServerMessage, Want, Welcome};
 use lodestream_protocol::stream::{BLOB_STREAM, BlobStreamReader};
+use lodestream_scene::animation::{AnimatedModel, AnimatedNode, AnimatedPart, Channel, Clip, Rest};
 use lodestream_scene::asset::{
     Alpha, AssetDescription, Material, TextureFormat, TextureInfo, TextureKind, Wrap,
 };
@@ -151,8 +152,36 @@ impl Expected {
             });
             value["contents"] = parts(blob, bytes, table.unwrap(), instances.unwrap());
         }
+        if let BlobId::Animation(_) = *id {
+            value["contents"] = animation(&AnimatedModel::from_bytes(bytes).unwrap());
+        }
         value
     }
+}
+
+/// Contents of the blob of an animated model.
+fn animation(model: &AnimatedModel) -> Value {
+    let map = |map: &glam::DAffine3| json!(map.to_cols_array());
+    let node = |node: &AnimatedNode| {
+        let Rest { translation, rotation, scale } = node.rest;
+        json!([node.parent, map(&node.to_parent), translation, rotation, scale])
+    };
+    let part = |part: &AnimatedPart| json!([part.node, map(&part.to_node), map(&part.from_model)]);
+    let numbers = |list: &[f32]| list.iter().map(|&number| f64::from(number)).collect::<Vec<_>>();
+    let channel = |channel: &Channel| {
+        let [property, interpolation] =
+            [format!("{:?}", channel.property), format!("{:?}", channel.interpolation)]
+                .map(|name| name.to_lowercase());
+        json!([channel.node, property, interpolation, channel.timeline, numbers(&channel.values)])
+    };
+    let clip = |clip: &Clip| json!([clip.name, clip.channels.iter().map(channel).collect::<Vec<_>>()]);
+    json!({
+        "nodes": model.nodes.iter().map(node).collect::<Vec<_>>(),
+        "parts": model.parts.iter().map(part).collect::<Vec<_>>(),
+        "places": model.places,
+        "timelines": model.timelines.iter().map(|times| numbers(times)).collect::<Vec<_>>(),
+        "clips": model.clips.iter().map(clip).collect::<Vec<_>>(),
+    })
 }
 
 /// Contents of a blob of the table of parts.
@@ -213,6 +242,7 @@ fn server_message(message: &ServerMessage) -> Value {
             json!(["PunctualLights", self::punctual_lights(punctual_lights)])
         }
         ServerMessage::Parts(table) => json!(["Parts", table.records]),
+        ServerMessage::Animations(table) => json!(["Animations", table.models]),
         ServerMessage::Refused(refused) => json!(["Refused", self::refused(refused)]),
         ServerMessage::RefusedMany(many) => {
             json!(["RefusedMany", many.iter().map(self::refused).collect::<Vec<_>>()])
@@ -299,6 +329,7 @@ fn blob_id(id: BlobId) -> Value {
         }
         BlobId::Parts(PartBlob::DirectoryPage(page)) => json!({"part_directory_page": page}),
         BlobId::Parts(PartBlob::Page(page)) => json!({"part_page": page}),
+        BlobId::Animation(model) => json!({"animation": model}),
         BlobId::Asset { asset, part } => match part {
             BlobPart::Base => json!({"asset": asset, "base": true}),
             BlobPart::IndexPage(page) => json!({"asset": asset, "page": page}),

@@ -135,6 +135,7 @@ fn a_reader_written_from_the_page_understands_every_message() {
                 "a directory of punctual lights",
                 blobs.iter().any(|blob| blob["contents"].as_array().is_some_and(|pages| pages.len() == 18)),
             ),
+            ("an animation", blobs.iter().any(|blob| blob["contents"]["clips"][0][0] == "lift")),
             ("a directory of parts", blobs.iter().any(|blob| blob["id"]["part_directory_page"].is_u64())),
             (
                 "a page of parts",

@@ -8,6 +8,7 @@ use lodestream_protocol::message::{ClientMessage, Hello, Want};
 use lodestream_protocol::source::SceneSource;
 use lodestream_scene::{BlobId, View};
 
+use crate::animations::write_crane;
 use crate::support::scene::{TestScene, prepare_all};
 use crate::support::shapes::{ball, write_wall};
 
@@ -89,6 +90,12 @@ relief_depth = 0.02
 name = "tetrahedron"
 file = "tetrahedron.obj"
 position_bits = 9
+[[asset]]
+name = "crane"
+file = "crane.gltf"
+[[instance]]
+asset = "crane"
+translation = [-3.5, 0.0, 1.0]
 [[instance]]
 asset = "ball"
 translation = [0.1, 3.0, -2.0]
@@ -171,6 +178,7 @@ depth = 2
     let features = format!("{{\"mode\": \"fixed\", \"points\": [{}]}}", points.join(","));
     open(&text, |folder| {
         write_wall(folder);
+        write_crane(folder);
         std::fs::write(folder.join("ball.obj"), textured(&ball(30, 40))).unwrap();
         std::fs::write(folder.join("points.json"), features).unwrap();
     })
@@ -197,6 +205,7 @@ pub(super) fn conversation(scene: &TestScene) -> Vec<Vec<ClientMessage>> {
         BlobId::punctual_light_page(17),
         BlobId::part_directory(0),
         BlobId::part_page(0),
+        BlobId::Animation(0),
     ];
     let again = [BlobId::base(wall), BlobId::index_page(ball, 0), BlobId::chunk(ball, 0)];
     let part = |offset, end| Want { offset, end, ..Want::whole(BlobId::chunk(ball, 0), 0x4180_0000) };

@@ -1,9 +1,11 @@
 //! State that lives as long as the window, and the steps of its frames.
 
+mod animation;
 mod commands;
 mod open;
 mod overlay_state;
 mod parts;
+mod playing;
 mod pointer;
 mod source;
 mod streams;
@@ -44,6 +46,7 @@ use crate::local::{Preparation, Target};
 use crate::outcome::describe_missing;
 use crate::recent;
 use crate::run::settings;
+use animation::Animation;
 use streams::{NextScene, Notify, Opening, title};
 
 /// Interval of checks for finished terrain tiles while nothing else changes.
@@ -103,6 +106,7 @@ pub(super) struct Running {
     measure: Measure,
     pivot: Pivot,
     section: Section,
+    animation: Animation,
     drawn: Option<Instant>,
     counters: Counters,
     frame_ms: f64,
@@ -214,6 +218,7 @@ impl Running {
             measure: Measure::default(),
             pivot: Pivot::default(),
             section: Section::default(),
+            animation: Animation::new(crate::animation::playback(args)),
             drawn: None,
             counters: Counters::default(),
             frame_ms: 0.0,
@@ -285,6 +290,7 @@ impl Running {
     /// for finer terrain. Drawing it would only take CPU time from making tiles.
     fn is_unchanged(&mut self) -> anyhow::Result<bool> {
         if self.ground_moves
+            || self.animation.is_playing()
             || !self.only_tiles_missing
             || std::mem::take(&mut self.dirty)
             || self.keys.moves_camera()
@@ -387,10 +393,11 @@ impl Running {
         self.last = (shows && drawn.is_final() && self.state != State::Refining).then(|| self.drawn());
         // Quality is raised only once the camera rests.
         let better = if full { None } else { self.quality.due(self.now()) };
-        if self.only_tiles_missing && !self.keys.moves_camera() {
+        if self.only_tiles_missing && !self.keys.moves_camera() && !self.animation.is_playing() {
             return Ok(TILES_INTERVAL);
         }
         if self.keys.moves_camera()
+            || (shows && self.animation.is_playing())
             || (shows && !drawn.is_final() && better.is_none_or(|wait| wait.is_zero()))
         {
             return Ok(Duration::ZERO);
@@ -475,12 +482,16 @@ impl Running {
         let full = !self.choices.adapt || self.quality.is_full();
         let is_kept = full && self.last.is_some_and(|last| last == self.drawn()) && self.painter.has_kept();
         let mut choices = self.choices;
+        let mut playback = self.animation.playback.clone();
+        let mut scrubbed = false;
         let mut settings = step.limit(&self.settings);
         // While more changes are pending, shadows may be out of date for some frames.
         let morphing = now_s - self.scene.changed_s() <= self.settings.morph_s;
         let settled = self.status.status().settled && self.scene.waiting() == 0 && !morphing;
         let coming = if settled { 0 } else { self.quality.late_shadows() };
-        let max_staleness = step.late_shadows.max(coming);
+        // What moves by itself would get shadows of where it was, on itself too.
+        let late = step.late_shadows.max(coming);
+        let max_staleness = if self.animation.is_playing() { 0 } else { late };
         settings.shadows = settings.shadows.map(|shadows| Shadows { max_staleness, ..shadows });
         let (stats, scene) = (&self.status.status().stats, &self.scene);
         let draw = |draw: &mut painter::DrawScene<'_>| {
@@ -498,10 +509,17 @@ impl Running {
             |ui| {
                 let mut controls = OverlayControls { choices: &mut choices, open, parts, section };
                 overlay::show(ui, stats, &overlay_state, &mut controls);
+                if !choices.hidden {
+                    scrubbed |= overlay::animation::show(ui, &self.animation.clips, &mut playback);
+                }
             },
             below,
         )?;
-        if before != self.section.plane {
+        if scrubbed {
+            self.animation.playback = playback;
+            self.scene_changed();
+        }
+        if scrubbed || before != self.section.plane {
             self.painter.window.request_redraw();
         }
         if choices != self.choices {
@@ -548,6 +566,7 @@ impl Steps for FrameSteps<'_> {
         let running = &mut *self.running;
         let now = running.now();
         keyboard::move_camera(now, &mut running.keys, running.controller.as_mut(), &mut running.quality);
+        running.play_animation(now);
         running.measure(self.began);
     }
 

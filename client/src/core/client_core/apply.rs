@@ -141,7 +141,8 @@ impl ClientCore {
             }
             | BlobId::Terrain(_)
             | BlobId::PunctualLights(_)
-            | BlobId::Parts(_) => Ok(()),
+            | BlobId::Parts(_)
+            | BlobId::Animation(_) => Ok(()),
         };
         self.note_applied(now, wanted, applied);
         Some(length)

@@ -15,7 +15,7 @@ use crate::core::height_overrides::HeightOverrideBlobError;
 use crate::core::punctual_light_pages::PunctualLightBlobError;
 
 impl ClientCore {
-    /// Takes a received blob of the terrain, of punctual lights, of the table of parts or of a known asset. Chunks and
+    /// Takes a received blob of the terrain, of punctual lights, parts, animations or of a known asset. Chunks and
     /// texture levels are cached until a selection wants them; base meshes and index pages are decoded by the next
     /// [`ClientCore::update`].
     pub(super) fn receive(&mut self, now: Time, blob: ReceivedBlob) {
@@ -24,6 +24,7 @@ impl ClientCore {
             BlobId::Terrain(part) => self.receive_terrain_blob(now, part, &blob),
             BlobId::PunctualLights(part) => self.receive_punctual_light_blob(now, part, &blob),
             BlobId::Parts(part) => self.receive_part_blob(now, part, blob),
+            BlobId::Animation(model) => self.receive_animation(now, model, &blob),
         }
     }
 

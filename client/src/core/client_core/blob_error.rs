@@ -4,6 +4,7 @@ use lodestream_geometry::DecodeError;
 use lodestream_scene::encoding::CodingError;
 use lodestream_select::PageError;
 
+use crate::core::animated_models::AnimationBlobError;
 use crate::core::asset::AssetError;
 use crate::core::height_overrides::HeightOverrideBlobError;
 use crate::core::parts::PartBlobError;
@@ -43,4 +44,6 @@ pub(super) enum BlobError {
     PunctualLights(#[from] PunctualLightBlobError),
     #[error(transparent)]
     Parts(#[from] PartBlobError),
+    #[error(transparent)]
+    Animation(#[from] AnimationBlobError),
 }

@@ -35,6 +35,8 @@ impl ClientCore {
             punctual_lights.set_state(blob, state);
         } else if let BlobId::Parts(blob) = id {
             self.parts.set_state(blob, state);
+        } else if let (BlobId::Animation(model), Some(models)) = (id, &mut self.scene.animations) {
+            models.set_state(model, state);
         } else {
             self.scene.set_state(id, state);
         }
@@ -100,6 +102,7 @@ impl ClientCore {
             (BlobId::Terrain(blob), Some(terrain), _) => terrain.state(blob),
             (BlobId::PunctualLights(blob), _, Some(punctual_lights)) => punctual_lights.state(blob),
             (BlobId::Parts(blob), ..) => self.parts.state(blob),
+            (BlobId::Animation(_), ..) => self.animation_state(id).unwrap_or_default(),
             _ => self.scene.state(id),
         }
     }

@@ -1,6 +1,7 @@
 //! [`ClientCore`]: its state, and the settings that may change while it runs. Each module below it holds one
 //! responsibility.
 
+mod animation;
 mod apply;
 mod arrivals;
 mod blob_error;
@@ -20,6 +21,7 @@ use std::time::Duration;
 use bytes::Bytes;
 use lodestream_protocol::message::Token;
 use lodestream_protocol::time::Time;
+use lodestream_scene::animation::Moment;
 use lodestream_scene::blob::BlobId;
 use lodestream_scene::description::SceneHeader;
 use lodestream_scene::punctual_lights::PunctualLight;
@@ -60,6 +62,8 @@ pub struct ClientCore {
     pub(super) failures: Failures,
     pub(super) parts: PartLookups,
     pub(super) moved: MovedParts,
+    /// What is shown of animations.
+    moment: Option<Moment>,
     /// Base meshes and index pages that have arrived and are not decoded yet; bounded by what the session has in
     /// flight.
     undecoded: VecDeque<(BlobId, Bytes)>,
@@ -103,6 +107,7 @@ impl ClientCore {
             failures: Failures::default(),
             parts: PartLookups::default(),
             moved: MovedParts::default(),
+            moment: None,
             undecoded: VecDeque::new(),
             early: Vec::new(),
             received: BTreeMap::new(),

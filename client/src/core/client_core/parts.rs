@@ -14,7 +14,6 @@ use lodestream_select::State;
 
 use super::ClientCore;
 use super::state::ReceivedBlob;
-use crate::core::moved_parts::MovedParts;
 use crate::core::parts::{Lookup, MAX_LOOKUPS, PartAbsence, PartAnswer, PartBlobError};
 
 impl ClientCore {
@@ -22,7 +21,7 @@ impl ClientCore {
     /// refinement follow, and no proxy stands for the instances; what they lack may have to be requested. Cost: for each
     /// selection, as much as an instance for each transform that parts of an instance share.
     pub fn move_parts(&mut self, moved: &BTreeMap<ScenePart, PartTransform>) {
-        self.moved = MovedParts::new(moved);
+        self.moved.set_parts(moved);
         self.selection.selector.set_moved(self.moved.distinct());
         self.selection.stale = true;
     }

@@ -39,6 +39,7 @@ impl ClientCore {
             && self.counters().settled
             && self.selection.terrain_settled
             && self.selection.punctual_lights_settled
+            && self.selection.animations_settled
             && self.undecoded.is_empty()
             && !self.selection.failed.iter().any(|id| self.failures.is_retrying(*id))
     }

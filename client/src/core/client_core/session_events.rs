@@ -53,6 +53,7 @@ impl ClientCore {
                     self.parts.is_announced = true;
                     self.advance_lookups(now);
                 }
+                ClientEvent::Animations(table) => self.set_animations(table),
                 ClientEvent::Blob { id, offset, total, bytes } => {
                     if self.config.track_received {
                         self.received.entry(id).or_default().bytes += bytes.len() as u64;
@@ -85,6 +86,7 @@ impl ClientCore {
         if !same {
             self.parts.begin_scene(self.scene.header.is_some());
             self.scene = Scene::new(header.clone());
+            self.follow_animations();
             self.cache = BlobCache::new(self.config.cache_bytes);
             self.failures = Failures::default();
             self.selection.wanted.clear();

@@ -47,6 +47,8 @@ pub(in crate::core) struct SelectionState {
     pub(super) terrain_settled: bool,
     /// Whether all punctual lights that the view needs have arrived or failed.
     pub(super) punctual_lights_settled: bool,
+    /// Whether all animated models have arrived or failed.
+    pub(super) animations_settled: bool,
     /// Time of the last selection.
     pub(super) selected_at: Option<Time>,
 }
@@ -60,6 +62,7 @@ impl SelectionState {
             stale: false,
             terrain_settled: true,
             punctual_lights_settled: true,
+            animations_settled: true,
             selected_at: None,
         }
     }

@@ -97,6 +97,8 @@ impl ClientCore {
             self.scene.is_complete() || self.connection.bases_sent || self.scene.proxies_stand_for_all();
         let started = self.connection.started.unwrap_or(now);
         self.milestones.note(started, now, self.received_bytes(), all_known, &counters);
+        // Animations come after the first frame, which may just have become drawable.
+        self.selection.animations_settled = self.want_animations();
         if self.config.track_changes && is_drawable(all_known, &counters) {
             self.scene.note_first_frame();
         }
@@ -136,6 +138,8 @@ impl ClientCore {
             wanted.state = punctual_lights.state(blob);
         } else if let BlobId::Parts(blob) = wanted.id {
             wanted.state = self.parts.state(blob);
+        } else if let (BlobId::Animation(model), Some(models)) = (wanted.id, &self.scene.animations) {
+            wanted.state = models.state(model);
         } else if wanted.id.part().is_some_and(|part| part.texture().is_some()) {
             wanted.state = self.scene.state(wanted.id);
         } else if let Some((asset, _)) = self.scene.asset(wanted.id) {

@@ -1,5 +1,8 @@
 //! The whole scene as changes again, for a renderer that has lost its own copy.
 
+use std::sync::Arc;
+
+use lodestream_scene::animation::Animations;
 use lodestream_scene::blob::BlobId;
 use lodestream_select::State;
 
@@ -11,7 +14,7 @@ const INSTANCES_PER_CHANGE: usize = 8192;
 
 impl Scene {
     /// Replaces the queued changes by all that make up the scene now, in the order of a first time: header, punctual
-    /// lights, proxies, instances, assets, whole meshes, first frame, height overrides. Texture levels and tiles are left
+    /// lights, proxies, instances, animations, assets, whole meshes, first frame, height overrides. Texture levels and tiles are left
     /// out: they are marked as not applied, and returned as the blobs that were requested for them, each once.
     pub(crate) fn restate(&mut self) -> Vec<BlobId> {
         let Some(header) = self.header.clone() else { return Vec::new() };
@@ -34,6 +37,10 @@ impl Scene {
         let instances: Vec<_> = self.instances.chunks(INSTANCES_PER_CHANGE).map(<[_]>::to_vec).collect();
         for some in instances {
             self.push_change(Change::Instances(some));
+        }
+        let animations = self.animations.as_ref().map(|models| models.arrived.clone());
+        for (number, model) in animations.iter().flat_map(Animations::models) {
+            self.push_change(Change::Animation { number, model: Arc::clone(model) });
         }
         let mut levels = Vec::new();
         for asset in 0..self.asset_count() {

@@ -1,7 +1,9 @@
 //! A scene that is stated again to a renderer that has lost everything.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
 
+use lodestream_scene::animation::AnimatedModel;
 use lodestream_scene::blob::BlobId;
 use lodestream_scene::proxy::Cut;
 use lodestream_scene::punctual_lights::PunctualLight;
@@ -21,6 +23,7 @@ struct Drawn {
     textures: BTreeMap<(u32, u16, u8), Vec<u8>>,
     heights: BTreeMap<(i64, i64), String>,
     lights: BTreeMap<u32, usize>,
+    animations: BTreeMap<u32, Arc<AnimatedModel>>,
     light_count: Option<u32>,
     first_frames: u32,
 }
@@ -59,6 +62,7 @@ impl Drawn {
                 let level = (texture.asset, texture.texture, texture.level);
                 self.textures.insert(level, texels.clone());
             }
+            Change::Animation { number, model } => drop(self.animations.insert(number, model)),
             Change::TileRemoved { .. } => panic!("no level of these textures is cut"),
             Change::HeightOverrides { x, y, overrides } => {
                 self.heights.insert((x, y), format!("{overrides:?}"));

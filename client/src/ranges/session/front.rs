@@ -149,6 +149,7 @@ impl RangeSession {
         };
         let lights = opening.punctual_lights();
         let parts = opening.parts.table();
+        let animations = opening.animation_table();
         let welcome = Welcome {
             version: *VERSIONS.end(),
             session: 0,
@@ -160,6 +161,7 @@ impl RangeSession {
         self.events.push_back(ClientEvent::Connected(welcome));
         self.events.extend(lights.map(ClientEvent::PunctualLights));
         self.events.extend(parts.map(ClientEvent::Parts));
+        self.events.extend(animations.map(ClientEvent::Animations));
         self.need_pages();
         true
     }

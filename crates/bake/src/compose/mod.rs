@@ -1,12 +1,14 @@
 //! Composes the description of a scene from its prepared models: assets and instances in pages, nearest and largest
 //! first.
 
+mod animations;
 pub(crate) mod framing;
 mod pages;
 mod parts;
 pub(crate) mod placing;
 mod shared;
 
+pub use animations::AnimationBlobsError;
 use glam::DVec3;
 use lodestream_scene::description::{AssetEntry, Fingerprint, SceneError, SceneHeader, SceneLighting};
 use lodestream_scene::limits::MAX_INSTANCES;
@@ -46,6 +48,9 @@ pub enum ComposeError {
     /// What the parts are called cannot be sent.
     #[error(transparent)]
     Parts(#[from] PartBlobsError),
+    /// Animated models that cannot be sent.
+    #[error(transparent)]
+    Animations(#[from] AnimationBlobsError),
     /// A pack that cannot be read.
     #[error(transparent)]
     Store(#[from] StoreError),
@@ -118,11 +123,13 @@ fn compose_with(
     };
     let punctual_lights = PunctualLightBlobs::new(&punctual_lights)?;
     let parts = parts::blobs(scene, &instances, &order)?;
+    let animations = animations::blobs(scene, &order)?;
     header.check()?;
     for page in &pages {
         page.check()?;
     }
-    let mut description = SceneDescription { header, pages, asset_order, terrain, punctual_lights, parts };
+    let mut description =
+        SceneDescription { header, pages, asset_order, terrain, punctual_lights, parts, animations };
     description.header.fingerprint = description.fingerprint();
     Ok(description)
 }

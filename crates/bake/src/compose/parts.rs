@@ -59,7 +59,7 @@ pub(super) fn blobs(
 }
 
 /// Model and part of each instance, as [`Scene::instance_parts`]: of models side by side, one after the other.
-fn sources(scene: &Scene) -> Cow<'_, [(u32, u32)]> {
+pub(super) fn sources(scene: &Scene) -> Cow<'_, [(u32, u32)]> {
     if scene.instances.is_some() {
         return Cow::Borrowed(&scene.instance_parts);
     }

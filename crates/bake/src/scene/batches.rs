@@ -1,7 +1,7 @@
 //! Batches: small meshes that a file places once, or a few times, gathered by place into assets of their own. A batch is
 //! one progressive mesh, so its members share a base mesh, an index and adaptive models.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 use glam::{DMat4, DVec3};
@@ -46,7 +46,7 @@ pub(super) struct Batch {
     pub(super) uv_bits: Option<u8>,
 }
 
-/// The batches of a file's meshes, and the placed meshes (by index) that are in one.
+/// The batches of a file's meshes, and the placed meshes (by index) that are in one. Meshes that move are in none.
 pub(super) fn of_contents(contents: &Contents, batching: Batching) -> (Vec<Batch>, Vec<bool>) {
     let mut batched = vec![false; contents.placed.len()];
     let Some(max_faces) = batching.faces() else { return (Vec::new(), batched) };
@@ -64,7 +64,12 @@ pub(super) fn of_contents(contents: &Contents, batching: Batching) -> (Vec<Batch
         let Some(key) = key(placed) else { continue };
         *uses.entry(key).or_default() += 1;
     }
+    let moving: BTreeSet<usize> =
+        contents.animation.iter().flat_map(|animation| &animation.placed).copied().collect();
     let candidate = |(number, placed): (usize, &PlacedMesh)| {
+        if moving.contains(&number) {
+            return None;
+        }
         let size = contents.sizes.get(placed.mesh).copied().flatten()?;
         let places = key(placed).and_then(|key| uses.get(&key)).copied()?;
         if size.faces == 0 || size.faces > MAX_MEMBER_FACES || instances_pay(places, size.faces) {
@@ -124,8 +129,6 @@ fn uv_bits([low, high]: [[f64; 2]; 2]) -> u8 {
 
 #[cfg(test)]
 mod tests {
-    use std::collections::BTreeSet;
-
     use data_encoding::BASE64;
     use lodestream_import::gltf::MeshSize;
     use lodestream_scene::placement::Placement;
@@ -152,6 +155,7 @@ mod tests {
             warnings: Vec::new(),
             placed: (0..faces.len()).map(placed).collect(),
             punctual_lights: Vec::new(),
+            animation: None,
         }
     }
 

@@ -27,7 +27,7 @@ use std::path::{Path, PathBuf};
 use crate::preparation_settings::PreparationSettings;
 use crate::sources::Sources;
 pub use file::{SceneError, parse, read};
-pub use model::{Asset, DEFAULT_FOV_Y_DEGREES, Model, Scene};
+pub use model::{Asset, DEFAULT_FOV_Y_DEGREES, Model, ModelAnimation, Scene};
 pub use part_names::ModelPartNames;
 pub use terrain::SceneTerrain;
 pub use up_axis::UpAxis;

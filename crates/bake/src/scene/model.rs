@@ -10,6 +10,7 @@ use crate::stderr::write_line;
 use lodestream_geometry::Settings;
 use lodestream_import::gltf::{self, CopyTolerance};
 use lodestream_import::{ImportError, Part, is_gltf};
+use lodestream_scene::animation::AnimatedModel;
 use lodestream_scene::description::{Camera, DEFAULT_AMBIENT, DEFAULT_BACKGROUND, Instance};
 use lodestream_scene::placement::Placement;
 use lodestream_scene::punctual_lights::PunctualLight;
@@ -71,6 +72,17 @@ pub struct Model {
     pub part_names: ModelPartNames,
     /// Its axis that points up where models stand side by side, unless [`Scene::up`] names another.
     pub up: UpAxis,
+    /// How some of [`Model::parts`] move, if any does.
+    pub animation: Option<ModelAnimation>,
+}
+
+/// How parts of a model move.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ModelAnimation {
+    /// Nodes, parts and clips; it has no places.
+    pub model: AnimatedModel,
+    /// Of each of its parts, the index among [`Model::parts`].
+    pub parts: Vec<u32>,
 }
 
 impl Model {
@@ -192,8 +204,14 @@ impl Scene {
         let batches = batches::of_contents(&contents, settings.batching.unwrap_or_default());
         let punctual_lights = contents.punctual_lights.clone();
         let up = UpAxis::of_file(&asset.file);
-        let (parts, part_names) = self.add_meshes(&asset, contents, batches, names);
-        self.models.push(Model { parts, punctual_lights, part_names, up });
+        let animation = contents.animation.clone();
+        let (parts, part_names, placed) = self.add_meshes(&asset, contents, batches, names);
+        // What moves is in no batch.
+        let part = |of: &usize| placed.get(of).copied();
+        let animation = animation.and_then(|gltf::FileAnimation { model, placed }| {
+            Some(ModelAnimation { model, parts: placed.iter().map(part).collect::<Option<_>>()? })
+        });
+        self.models.push(Model { parts, punctual_lights, part_names, up, animation });
         Ok(self.models.len() - 1)
     }
 
@@ -214,7 +232,7 @@ impl Scene {
         let punctual_lights = contents.map(|contents| contents.punctual_lights).unwrap_or_default();
         let up = UpAxis::of_file(&asset.file);
         let parts = vec![Instance::at(self.add_asset(asset), [0.0; 3])];
-        self.models.push(Model { parts, punctual_lights, part_names, up });
+        self.models.push(Model { parts, punctual_lights, part_names, up, animation: None });
         Ok(self.models.len() - 1)
     }
 
@@ -226,14 +244,14 @@ impl Scene {
 
     /// Adds the meshes that a glTF file places: those in [batches], named after the model; others and their copies each
     /// once (and once more for a mirror image and for each uneven scale that it is placed with), named after the model
-    /// and the mesh.
+    /// and the mesh. Gives the instances, their names, and the instance of each placed mesh that is in no batch.
     fn add_meshes(
         &mut self,
         model: &Asset,
         contents: gltf::Contents,
         (batches, batched): (Vec<Batch>, Vec<bool>),
         names: &mut UniqueNames,
-    ) -> (Vec<Instance>, ModelPartNames) {
+    ) -> (Vec<Instance>, ModelPartNames, BTreeMap<usize, u32>) {
         let mut part_names = ModelPartNames::of_file(&model.name, Arc::clone(&contents.part_names));
         let placed_part = |placed: &gltf::PlacedMesh| match placed.part {
             Part::Mesh { .. } => Some((placed.node, placed.mesh)),
@@ -243,7 +261,9 @@ impl Scene {
         let mut known: Vec<(Part, u32)> = Vec::new();
         let mut by_mesh: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
         let mut instances = Vec::with_capacity(contents.placed.len());
-        for (placed, _) in contents.placed.into_iter().zip(batched).filter(|(_, batched)| !batched) {
+        let mut alone = BTreeMap::new();
+        let all = contents.placed.into_iter().zip(batched).enumerate();
+        for (index, (placed, _)) in all.filter(|(_, (_, batched))| !batched) {
             let Part::Mesh { mesh, .. } = placed.part else { continue };
             // Few are placed with more than one linear map.
             let same = by_mesh.entry(mesh).or_default();
@@ -257,6 +277,7 @@ impl Scene {
                 known.push((placed.part.clone(), number));
                 number
             });
+            alone.insert(index, instances.len() as u32);
             instances.push(Instance { asset: number, placement: placed.placement });
             part_names.add([(placed.node, mesh)]);
         }
@@ -271,7 +292,7 @@ impl Scene {
             instances.push(Instance::at(self.add_asset(asset), [0.0; 3]));
             part_names.add(batch.placed.iter().filter_map(|&placed| placed_parts[placed]));
         }
-        (instances, part_names)
+        (instances, part_names, alone)
     }
 
     /// Puts the scene into a studio, lit from the default side.

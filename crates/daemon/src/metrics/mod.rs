@@ -89,7 +89,7 @@ pub struct Metrics {
 }
 
 /// Index of a blob's kind in the label values. Directory pages of terrain, punctual lights and parts count as index pages,
-/// height overrides and pages of punctual lights and parts as chunks.
+/// height overrides, pages of punctual lights and parts, and animations as chunks.
 const fn kind(id: &BlobId) -> usize {
     match id {
         BlobId::Asset { part: BlobPart::Base, .. } => 1,
@@ -100,7 +100,8 @@ const fn kind(id: &BlobId) -> usize {
         BlobId::Asset { part: BlobPart::Chunk(_), .. }
         | BlobId::Terrain(TerrainBlob::HeightOverrides(_))
         | BlobId::PunctualLights(PunctualLightBlob::Page(_))
-        | BlobId::Parts(PartBlob::Page(_)) => 3,
+        | BlobId::Parts(PartBlob::Page(_))
+        | BlobId::Animation(_) => 3,
         BlobId::Asset { part: BlobPart::Texture { .. } | BlobPart::Tile(_), .. } => 4,
     }
 }

@@ -55,11 +55,16 @@ impl<'a> Rest<'a> {
         usize::try_from(u64::from_le_bytes(self.array()?)).ok()
     }
 
-    pub(super) fn text(&mut self) -> Option<String> {
+    /// As many bytes as the count before them says.
+    pub(super) fn bytes(&mut self) -> Option<&'a [u8]> {
         let count = self.count()?;
-        let (text, rest) = self.0.split_at_checked(count)?;
+        let (bytes, rest) = self.0.split_at_checked(count)?;
         self.0 = rest;
-        std::str::from_utf8(text).ok().map(str::to_owned)
+        Some(bytes)
+    }
+
+    pub(super) fn text(&mut self) -> Option<String> {
+        std::str::from_utf8(self.bytes()?).ok().map(str::to_owned)
     }
 
     pub(super) fn option<T>(&mut self, take: impl FnOnce(&mut Self) -> Option<T>) -> Option<Option<T>> {

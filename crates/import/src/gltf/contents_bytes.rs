@@ -4,17 +4,18 @@
 
 use std::sync::Arc;
 
+use lodestream_scene::animation::AnimatedModel;
 use lodestream_scene::placement::Placement;
 use lodestream_scene::punctual_lights::{PunctualLight, Spot};
 
 use super::byte_values::{Rest, put_count, put_f32s, put_f64s, put_list, put_option, put_text};
 use super::part_names::PartNames;
 use super::sizes::MeshSize;
-use super::{Contents, PlacedMesh};
+use super::{Contents, FileAnimation, PlacedMesh};
 use crate::model::Part;
 
 /// Version of what is found in a file, copies included, and of these bytes. Increment it when the same file gives others.
-pub const CONTENTS_VERSION: u32 = 3;
+pub const CONTENTS_VERSION: u32 = 4;
 
 const IDENTITY: [[f64; 3]; 3] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
 
@@ -22,7 +23,7 @@ impl Contents {
     /// The contents as bytes; `None` for those that no file has: placed parts that are not single meshes.
     #[must_use]
     pub fn to_bytes(&self) -> Option<Vec<u8>> {
-        let Self { names, sizes, part_names, materials, placed, punctual_lights, warnings } = self;
+        let Self { names, sizes, part_names, materials, placed, punctual_lights, animation, warnings } = self;
         let mut out = Vec::new();
         put_list(&mut out, names, |out, name| put_text(out, name));
         put_list(&mut out, sizes, |out, size| put_option(out, size.as_ref(), put_size));
@@ -33,6 +34,13 @@ impl Contents {
             put_placed(&mut out, placed)?;
         }
         put_list(&mut out, punctual_lights, put_light);
+        let animated =
+            animation.as_ref().map(|animation| Some((animation.model.to_bytes().ok()?, animation)));
+        put_option(&mut out, animated.flatten(), |out, (model, animation)| {
+            put_count(out, model.len());
+            out.extend(model);
+            put_list(out, &animation.placed, |out, placed| put_count(out, *placed));
+        });
         put_list(&mut out, warnings, |out, warning| put_text(out, warning));
         Some(out)
     }
@@ -48,6 +56,7 @@ impl Contents {
             materials: rest.count()?,
             placed: rest.list(placed)?,
             punctual_lights: rest.list(light)?,
+            animation: rest.option(animation)?,
             warnings: rest.list(Rest::text)?,
         };
         rest.is_empty().then_some(contents)
@@ -98,6 +107,12 @@ fn placed(rest: &mut Rest<'_>) -> Option<PlacedMesh> {
     })
 }
 
+fn animation(rest: &mut Rest<'_>) -> Option<FileAnimation> {
+    let model = AnimatedModel::from_bytes(rest.bytes()?).ok()?;
+    let placed = rest.list(Rest::count)?;
+    (placed.len() == model.parts.len()).then_some(FileAnimation { model, placed })
+}
+
 fn put_light(out: &mut Vec<u8>, light: &PunctualLight) {
     let PunctualLight { position, intensity, range, spot } = light;
     put_f64s(out, position);
@@ -123,12 +138,14 @@ mod tests {
     use super::*;
     use crate::gltf::{CopyTolerance, contents};
 
-    /// A file with a name twice, a mirrored and an unevenly scaled node, extras, and a light.
+    /// A file with a name twice, a mirrored and an unevenly scaled node, extras, a light, and an animation.
     fn some() -> Contents {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.gltf");
-        let bytes: Vec<u8> =
-            [0.0_f32, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0].iter().flat_map(|x| x.to_le_bytes()).collect();
+        let bytes: Vec<u8> = [0.0_f32, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.5, 2.0]
+            .iter()
+            .flat_map(|x| x.to_le_bytes())
+            .collect();
         let uri = format!("data:;base64,{}", data_encoding::BASE64.encode(&bytes));
         let light = serde_json::json!({"type": "spot", "intensity": 5.0, "spot": {"outerConeAngle": 0.5}});
         let extension = serde_json::json!({"KHR_lights_punctual": {"light": 0}});
@@ -148,8 +165,12 @@ mod tests {
             "accessors": [{
                 "bufferView": 0, "componentType": 5126, "type": "VEC3", "count": 3,
                 "min": [0.0, 0.0, 0.0], "max": [1.0, 1.0, 0.0],
+            }, {"bufferView": 0, "byteOffset": 36, "componentType": 5126, "type": "SCALAR", "count": 3}],
+            "bufferViews": [{"buffer": 0, "byteLength": 48}], "buffers": [{"byteLength": 48, "uri": uri}],
+            "animations": [{
+                "channels": [{"sampler": 0, "target": {"node": 0, "path": "translation"}}],
+                "samplers": [{"input": 1, "output": 0}],
             }],
-            "bufferViews": [{"buffer": 0, "byteLength": 36}], "buffers": [{"byteLength": 36, "uri": uri}],
         });
         std::fs::write(&path, file.to_string()).unwrap();
         let found = contents(&path, Some(CopyTolerance::Length(1e-3))).unwrap();
@@ -167,6 +188,8 @@ mod tests {
         let found = Contents::from_bytes(&bytes).unwrap();
         assert_eq!(format!("{found:?}"), format!("{some:?}"));
         assert_eq!(found.part_names.of(Some(4), 0).path, "door");
+        // The door and its handle.
+        assert_eq!(found.animation.unwrap().placed.len(), 2);
     }
 
     #[test]
@@ -190,6 +213,6 @@ mod tests {
         let sum = bytes.iter().fold(0xcbf2_9ce4_8422_2325_u64, |sum, &byte| {
             (sum ^ u64::from(byte)).wrapping_mul(0x100_0000_01b3)
         });
-        assert_eq!((CONTENTS_VERSION, bytes.len(), sum), (3, 1258, 3_426_484_638_591_420_064));
+        assert_eq!((CONTENTS_VERSION, bytes.len(), sum), (4, 1471, 611_481_847_894_613_451));
     }
 }

@@ -18,7 +18,6 @@ impl Ignored {
         let mut ignored = Self::default();
         let root = &document.root;
         for (what, count) in [
-            ("animations", root.animations),
             ("cameras", root.cameras),
             ("directional lights (set [light] in the scene file instead)", lights::directional(document)),
         ] {
@@ -35,6 +34,14 @@ impl Ignored {
             ignored.counts.insert(format!("extension {name}{instead}"), materials.max(1));
         }
         ignored
+    }
+
+    /// The animations of a file whose meshes are merged into one, which does not move.
+    pub(super) fn note_animations(&mut self, document: &Document) {
+        let count = document.root.animations.len();
+        if count > 0 {
+            self.counts.insert("animations, since the meshes are merged into one".to_owned(), count);
+        }
     }
 
     pub(super) fn note(&mut self, what: &str) {

@@ -93,6 +93,11 @@ impl<'a> Builder<'a> {
         Ok(())
     }
 
+    /// Notes that all meshes of the file become one, in which none moves.
+    pub(super) fn merge(&mut self) {
+        self.ignored.note_animations(self.document);
+    }
+
     /// Numbers the faces added since the last call as a part.
     pub(super) fn end_part(&mut self, part: u32) {
         self.mesh.parts.resize(self.mesh.faces.len(), part);

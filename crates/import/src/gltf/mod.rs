@@ -10,6 +10,10 @@
 //! check, where it is used.
 
 mod accessor;
+mod animated_nodes;
+mod animation;
+mod animation_json;
+mod animation_left_out;
 mod byte_values;
 mod compressed;
 mod container;
@@ -18,6 +22,7 @@ mod copies;
 mod draco;
 mod ignored;
 mod instancing;
+mod keyframes;
 mod lights;
 mod maps;
 mod material;
@@ -31,18 +36,20 @@ mod similarity;
 mod sizes;
 #[cfg(test)]
 mod tests;
+mod uneven;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use bytes::Bytes;
-use glam::{DMat3, DMat4, DQuat, DVec3};
+use glam::{DAffine3, DMat3, DMat4, DQuat, DVec3};
 
 use crate::content::{Content as _, OpenFile};
 use crate::error::ImportError;
 use crate::model::Part;
 use crate::shading::Unshaded;
+pub use animation::FileAnimation;
 pub(crate) use container::Document;
 pub use contents_bytes::CONTENTS_VERSION;
 pub use copies::CopyTolerance;
@@ -88,6 +95,8 @@ pub struct Contents {
     pub placed: Vec<PlacedMesh>,
     /// Punctual lights of the file's scene.
     pub punctual_lights: Vec<PunctualLight>,
+    /// How the placed meshes move, if any does.
+    pub animation: Option<FileAnimation>,
     /// What could not be taken over whole, for people.
     pub warnings: Vec<String>,
 }
@@ -137,6 +146,7 @@ impl Document {
             Part::Whole => {
                 let meshes = drawn(nodes::placed(self)?.meshes);
                 let parted = has_parts(meshes.len());
+                builder.merge();
                 for (part, placed) in (0..).zip(meshes) {
                     builder.add(placed.mesh, &placed.to_scene)?;
                     if parted {
@@ -168,17 +178,20 @@ impl Document {
 
     /// As [`contents`].
     pub(crate) fn contents(&self, copies: Option<CopyTolerance>) -> Result<Contents, ImportError> {
-        let placed = nodes::placed(self)?;
-        let visible = drawn(placed.meshes);
+        let mut placed = nodes::placed(self)?;
+        let visible = drawn(std::mem::take(&mut placed.meshes));
         let used = visible.iter().map(|placed| placed.mesh).collect();
         let copies = copies.map(|tolerance| copies::of_meshes(self, &used, tolerance)).unwrap_or_default();
-        let placed_mesh = |nodes::Placed { mesh, to_scene, node }| {
-            let (original, map) =
-                copies.get(&mesh).map_or((mesh, to_scene), |(of, map)| (*of, to_scene * *map));
-            let (part, placement) = similar(original, &map);
+        let mut candidates = Vec::with_capacity(visible.len());
+        let placed_mesh = |nodes::Placed { mesh, to_scene, node, to_node }| {
+            let (original, copied) =
+                copies.get(&mesh).map_or((mesh, DMat4::IDENTITY), |(of, map)| (*of, *map));
+            let (part, placement) = similar(original, &(to_scene * copied));
+            candidates.push(self.movable(node, to_node, (&copied, &part, &placement)));
             PlacedMesh { part, placement, mesh, to_scene: to_scene.to_cols_array_2d(), node }
         };
         let meshes = visible.into_iter().map(placed_mesh).collect();
+        let (animation, still) = animation::of_file(self, &placed, &candidates);
         let punctual_lights = lights::punctual_lights(self, &placed.lights)?;
         let names = names(self);
         let (part_names, warning) = PartNames::new(self, placed.nodes, &names);
@@ -189,8 +202,34 @@ impl Document {
             materials: self.root.materials.len() + 1,
             placed: meshes,
             punctual_lights,
-            warnings: warning.into_iter().collect(),
+            animation,
+            warnings: warning.into_iter().chain(still).collect(),
         })
+    }
+
+    /// How a placed mesh would move with its node; `None` for one that follows a skin or is in no node.
+    fn movable(
+        &self,
+        node: Option<u32>,
+        to_node: DMat4,
+        (copied, part, placement): (&DMat4, &Part, &Placement),
+    ) -> Option<animation::Candidate> {
+        let node = node? as usize;
+        let Part::Mesh { linear, .. } = part else { return None };
+        if self.root.nodes.get(node)?.is_skinned {
+            return None;
+        }
+        let to_mesh = animation::inverse(&DMat3::from_cols_array_2d(linear));
+        let maps = to_mesh.map(|to_mesh| {
+            let (scale, translation) = (f64::from(placement.scale), DVec3::from(placement.translation));
+            let placed = DAffine3::from_scale_rotation_translation(
+                DVec3::splat(scale),
+                placement.orientation_f64(),
+                translation,
+            );
+            [DAffine3::from_mat4(*copied) * to_mesh, placed.inverse()]
+        });
+        Some(animation::Candidate { node, to_node, maps })
     }
 
     /// The files that are read beside it: buffers and images.

@@ -17,12 +17,16 @@ pub(super) struct Placed {
     pub(super) to_scene: DMat4,
     /// The node that places it; `None` in a file without scenes.
     pub(super) node: Option<u32>,
+    /// Its transformation to the node.
+    pub(super) to_node: DMat4,
 }
 
 /// Meshes and lights of a scene.
 #[derive(Debug, Default)]
 pub(super) struct SceneContents {
     pub(super) nodes: Nodes,
+    /// Parents of the scene's nodes, by node of the file.
+    pub(super) parents: Vec<Option<u32>>,
     pub(super) meshes: Vec<Placed>,
     pub(super) lights: Vec<PlacedLight>,
 }
@@ -38,12 +42,15 @@ pub(super) fn placed(document: &Document) -> Result<SceneContents, ImportError> 
     let Some(scene) = root.scenes.get(number) else {
         if root.scenes.is_empty() {
             let all = 0..root.meshes.len();
-            let meshes = all.map(|mesh| Placed { mesh, to_scene: DMat4::IDENTITY, node: None }).collect();
+            let (to_scene, to_node) = (DMat4::IDENTITY, DMat4::IDENTITY);
+            let meshes = all.map(|mesh| Placed { mesh, to_scene, node: None, to_node }).collect();
             return Ok(SceneContents { meshes, ..SceneContents::default() });
         }
         return Err(document.error(format!("scenes[{number}] does not exist")));
     };
-    let mut placed = SceneContents { nodes: Nodes::new(root.nodes.len()), ..SceneContents::default() };
+    let count = root.nodes.len();
+    let (nodes, parents) = (Nodes::new(count), vec![None; count]);
+    let mut placed = SceneContents { nodes, parents, ..SceneContents::default() };
     let mut buffers = Buffers::new(document);
     let mut seen = vec![false; root.nodes.len()];
     let mut waiting: Vec<(usize, DMat4, Option<u32>)> =
@@ -64,19 +71,25 @@ pub(super) fn placed(document: &Document) -> Result<SceneContents, ImportError> 
             // Joints place a mesh with a skin: "only the joint transforms are applied" (glTF 2.0 specification, §3.7.3.3).
             let to_scene = if node.is_skinned { DMat4::IDENTITY } else { to_scene };
             match instancing::of_node(document, &mut buffers, node, index)? {
-                None => placed.meshes.push(Placed { mesh, to_scene, node: number }),
+                None => placed.meshes.push(Placed { mesh, to_scene, node: number, to_node: DMat4::IDENTITY }),
                 Some(places) => {
-                    let places: Vec<DMat4> = places.into_iter().map(|place| to_scene * place).collect();
-                    if !places.iter().all(DMat4::is_finite) {
+                    let placed_here =
+                        |to_node| Placed { mesh, to_scene: to_scene * to_node, node: number, to_node };
+                    let places: Vec<Placed> = places.into_iter().map(placed_here).collect();
+                    if !places.iter().all(|place| place.to_scene.is_finite()) {
                         return Err(error("has an instance that is not finite; export the file again"));
                     }
-                    let placed_here = |to_scene| Placed { mesh, to_scene, node: number };
-                    placed.meshes.extend(places.into_iter().map(placed_here));
+                    placed.meshes.extend(places);
                 }
             }
         }
         if let Some(light) = lights::of_node(node).map_err(error)? {
             placed.lights.push(PlacedLight { node: index, light, to_scene });
+        }
+        for child in &node.children {
+            if let Some(parent) = placed.parents.get_mut(child.value()) {
+                *parent = number;
+            }
         }
         let children = node.children.iter().rev();
         waiting.extend(children.map(|child| (child.value(), to_scene, named)));

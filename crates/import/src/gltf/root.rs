@@ -16,6 +16,8 @@ use serde::de::{Deserializer, SeqAccess, Visitor};
 use serde_json::value::RawValue;
 use serde_json::{Map, Value};
 
+use super::animation_json::Animation;
+
 /// The extension of meshes that are compressed with Draco.
 pub(super) const DRACO: &str = "KHR_draco_mesh_compression";
 
@@ -37,8 +39,8 @@ pub(super) const COMPRESSED_VIEWS: [&str; 2] = ["EXT_meshopt_compression", "KHR_
 pub(super) struct Root {
     #[serde(default)]
     pub(super) accessors: Vec<Accessor>,
-    #[serde(default, deserialize_with = "count::<json::Animation, _>")]
-    pub(super) animations: usize,
+    #[serde(default)]
+    pub(super) animations: Vec<Animation>,
     #[serde(default)]
     pub(super) buffers: Vec<json::Buffer>,
     #[serde(default)]

@@ -1,5 +1,6 @@
 //! glTF files: what they are read to, and the errors of invalid ones. Files are written here, byte by byte.
 
+mod animations;
 mod buffers;
 mod compressed;
 mod copies;

@@ -1,5 +1,7 @@
 //! Scene data in GPU memory: assets, instances, materials, lights, environment and terrain.
 
+#[cfg(feature = "client")]
+pub(crate) mod animated_placements;
 pub(crate) mod asset;
 pub(crate) mod bound_material;
 #[cfg(feature = "client")]

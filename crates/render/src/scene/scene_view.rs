@@ -1,5 +1,6 @@
 //! The scene in GPU memory: applies a client's changes to the renderer's assets and draws frames.
 
+mod animation;
 mod parts;
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
@@ -7,6 +8,7 @@ use std::sync::Arc;
 
 use glam::{DVec3, Vec3};
 use lodestream_client::core::{Change, NewAsset, TextureChange};
+use lodestream_scene::animation::{Animations, Moment};
 use lodestream_scene::asset::tile_place;
 use lodestream_scene::blob::Tile;
 use lodestream_scene::description::SceneHeader;
@@ -30,6 +32,7 @@ use crate::resources::gpu::{Gpu, RenderError};
 use crate::resources::texture::{Texture, WeakTexture};
 use crate::resources::texture_shape::TextureShape;
 use crate::resources::uploads::Uploads;
+use crate::scene::animated_placements;
 use crate::scene::asset::AssetGpu;
 use crate::scene::drawn_placements::DrawnPlacements;
 use crate::scene::environment::{Atmosphere, Environment, GradientSky, Haze, Sky, Studio};
@@ -105,6 +108,12 @@ pub struct SceneView {
     sky: Option<SkyMaps>,
     /// Texels that the host has decoded.
     held: HeldTexels,
+    /// Animated models that have arrived.
+    animations: Animations,
+    /// What is shown of them.
+    moment: Option<Moment>,
+    /// Placements of the assets of which instances are moved by that, by asset number.
+    animated: BTreeMap<u32, Vec<Placement>>,
 }
 
 impl SceneView {
@@ -300,6 +309,7 @@ impl SceneView {
                     sky_task,
                     sky,
                     held: std::mem::take(&mut self.held),
+                    moment: self.moment.take(),
                     ..Self::default()
                 };
             }
@@ -319,6 +329,11 @@ impl SceneView {
                 if !concerned.is_empty() {
                     self.write_part_states(gpu, |asset| concerned.contains(&asset))?;
                 }
+                self.follow_animations();
+            }
+            Change::Animation { number, model } => {
+                self.animations.insert(number, model);
+                self.follow_animations();
             }
             Change::Proxies(proxies) => {
                 for proxy in &proxies {
@@ -519,7 +534,8 @@ impl SceneView {
         if ground.vertical_exaggeration() == 1.0 {
             self.anchored = None;
         } else {
-            self.anchored.get_or_insert_default().follow(ground, &self.instances, &self.lights);
+            let instances = animated_placements::all(&self.instances, &self.animated);
+            self.anchored.get_or_insert_default().follow(ground, &instances, &self.lights);
         }
         self.heights.is_moving(now_s)
     }
@@ -614,11 +630,15 @@ impl SceneView {
         time_s: f32,
         draw: impl FnOnce(&Frame<'_>) -> R,
     ) -> R {
-        let drawables: Vec<Drawable<'_>> = self
-            .assets
-            .iter()
-            .zip(self.anchored.as_ref().map_or(&self.instances, |anchored| &anchored.instances))
-            .filter_map(|(asset, instances)| Some(Drawable { asset: asset.as_ref()?, instances }))
+        // What is anchored has been moved already.
+        let animated = self.anchored.is_none().then_some(&self.animated);
+        let placed = self.anchored.as_ref().map_or(&self.instances, |anchored| &anchored.instances);
+        let drawables: Vec<Drawable<'_>> = (0..)
+            .zip(self.assets.iter().zip(placed))
+            .filter_map(|(number, (asset, placed)): (u32, _)| {
+                let instances = animated.and_then(|animated| animated.get(&number)).unwrap_or(placed);
+                Some(Drawable { asset: asset.as_ref()?, instances })
+            })
             .collect();
         let environment =
             self.header.as_ref().map_or_else(Environment::default, |header| environment(header, self.plain));

@@ -5,6 +5,8 @@
 mod accumulation;
 mod accuracy;
 mod ahead;
+#[cfg(feature = "client")]
+mod animated;
 mod covering;
 mod debug;
 mod enlarged;

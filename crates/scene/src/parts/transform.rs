@@ -46,6 +46,9 @@ pub enum PartTransformError {
 }
 
 impl PartTransform {
+    /// Leaves the part where it is.
+    pub const IDENTITY: Self = Self { translation: DVec3::ZERO, rotation: DQuat::IDENTITY, scale: 1.0 };
+
     /// A move by a distance, in units of the asset.
     ///
     /// # Errors
@@ -138,6 +141,13 @@ impl PartTransform {
         self.rotation.conjugate() * moved / self.scale
     }
 
+    /// First another transform, then this. What is out of range counts as its own, without the other.
+    #[must_use]
+    pub fn after(&self, first: &Self) -> Self {
+        let (rotation, scale) = (self.rotation * first.rotation, self.scale * first.scale);
+        Self::new(self.apply(first.translation), rotation, scale).unwrap_or(*self)
+    }
+
     /// Each of some transforms once, in an order of their numbers.
     #[must_use]
     pub fn distinct<'a>(transforms: impl Iterator<Item = &'a Self>) -> Vec<Self> {
@@ -208,6 +218,9 @@ mod tests {
         let (place, both) = (DVec3::new(1.0, 2.0, 3.0), transform.within(&placement));
         assert!(both.to_world(place).distance(placement.to_world(transform.apply(place))) < 0.2);
         assert_eq!(PartTransform::by(DVec3::X).unwrap().apply(DVec3::Y), DVec3::new(1.0, 1.0, 0.0));
+        let first = PartTransform::new(DVec3::Y, DQuat::from_rotation_x(0.4), 3.0).unwrap();
+        let (both, apart) = (transform.after(&first).apply(place), transform.apply(first.apply(place)));
+        assert!(both.distance(apart) < 1e-8, "{both} {apart}");
     }
 
     #[test]

@@ -31,6 +31,8 @@ pub struct Contents {
     pub part_directory: Vec<Bytes>,
     /// Pages of records of parts.
     pub part_pages: Vec<Bytes>,
+    /// Animated models.
+    pub animations: Vec<Bytes>,
     /// Packs, by asset number.
     pub packs: Vec<PackContents>,
 }

@@ -2,8 +2,9 @@
 
 use super::part::Part;
 use super::{MAX_OBJECT_BYTES, PublishedError};
+use crate::animation::{AnimationTable, MAX_ANIMATED_MODELS, MAX_ANIMATION_BYTES};
 use crate::description::SceneHeader;
-use crate::encoding::{self, encode_fields};
+use crate::encoding::{self, CodingError, Decode, Encode, Reader, Writer, encode_fields};
 use crate::parts::{PartTable, RECORDS_PER_PAGE};
 use crate::punctual_lights::{MAX_PUNCTUAL_LIGHTS, PunctualLights};
 
@@ -159,6 +160,8 @@ pub struct Opening {
     pub first_lights: Vec<u8>,
     /// What the scene's parts are called.
     pub parts: PartPlaces,
+    /// Animated models. Nothing is written of them if there are none.
+    pub animations: Vec<Part>,
 }
 
 /// Places of the table of a scene's parts; nothing in it if there is none.
@@ -205,18 +208,40 @@ impl PartPlaces {
     }
 }
 
-encode_fields!(Opening {
-    header,
-    flight_bytes,
-    pages,
-    terrain_directory,
-    terrain_tables,
-    light_count,
-    light_directory,
-    light_tables,
-    first_lights,
-    parts,
-});
+impl Encode for Opening {
+    fn encode<W: Writer>(&self, writer: &mut W) -> Result<(), CodingError> {
+        (&self.header, self.flight_bytes, &self.pages).encode(writer)?;
+        (&self.terrain_directory, &self.terrain_tables).encode(writer)?;
+        (self.light_count, &self.light_directory, &self.light_tables, &self.first_lights).encode(writer)?;
+        self.parts.encode(writer)?;
+        if self.animations.is_empty() { Ok(()) } else { self.animations.encode(writer) }
+    }
+}
+
+impl Decode for Opening {
+    fn decode<R: Reader>(reader: &mut R) -> Result<Self, CodingError> {
+        let mut opening = Self {
+            header: Decode::decode(reader)?,
+            flight_bytes: Decode::decode(reader)?,
+            pages: Decode::decode(reader)?,
+            terrain_directory: Decode::decode(reader)?,
+            terrain_tables: Decode::decode(reader)?,
+            light_count: Decode::decode(reader)?,
+            light_directory: Decode::decode(reader)?,
+            light_tables: Decode::decode(reader)?,
+            first_lights: Decode::decode(reader)?,
+            parts: Decode::decode(reader)?,
+            animations: Vec::new(),
+        };
+        if reader.has(1) {
+            opening.animations = Decode::decode(reader)?;
+            if opening.animations.is_empty() {
+                return Err(CodingError::value("a list of no animations"));
+            }
+        }
+        Ok(opening)
+    }
+}
 
 impl Opening {
     /// Decodes an opening of the newest version; its parts are not checked yet.
@@ -233,6 +258,13 @@ impl Opening {
     pub fn punctual_lights(&self) -> Option<PunctualLights> {
         (self.light_count > 0)
             .then(|| PunctualLights { count: self.light_count, first: self.first_lights.clone() })
+    }
+
+    /// The message about animated models; `None` without any.
+    #[must_use]
+    pub fn animation_table(&self) -> Option<AnimationTable> {
+        let models = u32::try_from(self.animations.len()).ok().filter(|models| *models > 0)?;
+        Some(AnimationTable { models })
     }
 
     /// Checks its values and that all parts lie within `rest_bytes`.
@@ -260,6 +292,11 @@ impl Opening {
             return contradiction("it lists other tables of height overrides than directory pages");
         }
         self.parts.check(self.header.instance_count)?;
+        if self.animations.len() > MAX_ANIMATED_MODELS as usize
+            || self.animations.iter().any(|part| part.bytes > MAX_ANIMATION_BYTES)
+        {
+            return contradiction("it has more animated models, or longer ones, than scenes can have");
+        }
         let pages = self.pages.iter().flat_map(|place| [&place.page, &place.source]);
         let lists = [
             &self.terrain_directory,
@@ -268,6 +305,7 @@ impl Opening {
             &self.light_tables,
             &self.parts.directory,
             &self.parts.tables,
+            &self.animations,
         ];
         let mut parts = pages.chain(lists.into_iter().flatten());
         if self.flight_bytes > rest_bytes || parts.any(|part| part.end() > rest_bytes) {

@@ -91,6 +91,7 @@ impl Contents {
             parts: opening.parts.table(),
             part_directory: body.all(&opening.parts.directory, "the directory of parts")?,
             part_pages: body.tables(&opening.parts.tables, "the names of parts")?,
+            animations: body.all(&opening.animations, "an animation")?,
             punctual_lights,
             header: opening.header,
             pages,

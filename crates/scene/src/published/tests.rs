@@ -75,6 +75,7 @@ fn contents(pages: u32) -> Contents {
         parts: None,
         part_directory: Vec::new(),
         part_pages: Vec::new(),
+        animations: Vec::new(),
         packs: (0..2 * pages).map(pack).collect(),
     }
 }
@@ -119,6 +120,30 @@ fn a_table_of_parts_comes_back() {
     }
     let longer = Contents { part_directory: vec![Bytes::new(); 2], ..parts(1, 1) };
     assert!(longer.encode().is_err());
+}
+
+#[test]
+fn animations_come_back_and_their_absence_costs_nothing() {
+    let plain = contents(2);
+    let opening = |object: &[u8]| {
+        let head = Head::parse(object).unwrap();
+        (head.opening_bytes, head.opening(&object[HEAD_BYTES..head.parts_start() as usize]).unwrap())
+    };
+    let animations = vec![Bytes::from_static(b"walk"), Bytes::from_static(b"door")];
+    let some = Contents { animations: animations.clone(), ..plain.clone() };
+    let object = Bytes::from(some.encode().unwrap());
+    assert_eq!(Contents::decode(&object).unwrap(), some);
+    let (length, with) = opening(&object);
+    assert_eq!((with.animations.len(), with.animation_table().map(|table| table.models)), (2, Some(2)));
+    let object = plain.encode().unwrap();
+    let (shorter, without) = opening(&object);
+    assert_eq!((without.animations.len(), without.animation_table()), (0, None));
+    let listed: usize =
+        1 + with.animations.iter().map(|part| crate::encoding::encode(part).unwrap().len()).sum::<usize>();
+    assert_eq!(length - shorter, listed as u32);
+    // An empty list is no other way to say so.
+    let empty = [crate::encoding::encode(&without).unwrap(), vec![0]].concat();
+    assert!(Opening::decode(&empty).is_err() && Opening::decode(&empty[..empty.len() - 1]).is_ok());
 }
 
 #[test]

@@ -52,6 +52,7 @@ impl Contents {
             directory: body.put_all(&self.part_directory)?,
             tables: body.put_tables(&self.part_pages, PART_PAGES_PER_TABLE as usize)?,
         };
+        let animations = body.put_all(&self.animations)?;
         let assets: Vec<&AssetEntry> = self.pages.iter().flat_map(|page| &page.assets).collect();
         let places = self.pages.iter().zip(pages.into_iter().zip(sources));
         let pages = places.map(|(scene_page, (page, source))| {
@@ -70,6 +71,7 @@ impl Contents {
             light_tables,
             first_lights: lights.map(|lights| lights.first.clone()).unwrap_or_default(),
             parts,
+            animations,
         };
         opening.check(body.end())?;
         Ok([Head::encode_opening(&opening, body.end())?, body.0].concat())

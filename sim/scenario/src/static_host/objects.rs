@@ -49,6 +49,7 @@ impl Objects {
             parts: scene.parts(),
             part_directory: listed(BlobId::part_directory)?,
             part_pages: listed(BlobId::part_page)?,
+            animations: listed(BlobId::Animation)?,
             header,
             pages: pages.iter().map(|page| (**page).clone()).collect(),
             packs: contents,

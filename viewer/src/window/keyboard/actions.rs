@@ -39,6 +39,12 @@ pub(in crate::window) enum Action {
     Section,
     /// Draws the edges of triangles.
     Wireframe,
+    /// Plays or pauses the animation.
+    Play,
+    /// Plays the clip before.
+    PreviousClip,
+    /// Plays the next clip.
+    NextClip,
     /// Shows the list of parts.
     Parts,
     /// Hides the selected part.
@@ -107,6 +113,9 @@ pub(in crate::window) const ACTIONS: &[ActionEntry] = &[
     entry(Action::Measure, ["measure", "look", "measure between clicks"], &["M"]),
     entry(Action::Section, ["section", "look", "section plane"], &["C"]),
     entry(Action::Wireframe, ["wireframe", "look", "edges of triangles"], &["T"]),
+    entry(Action::Play, ["play", "animation", "play, pause"], &["K"]),
+    entry(Action::PreviousClip, ["previous-clip", "animation", "clip before"], &["Comma"]),
+    entry(Action::NextClip, ["next-clip", "animation", "next clip"], &["Period"]),
     entry(Action::Parts, ["parts", "parts", "list of parts"], &["P"]),
     entry(Action::HidePart, ["hide-part", "parts", "hide the selected part"], &["X"]),
     entry(Action::IsolatePart, ["isolate-part", "parts", "draw it alone"], &["L"]),

@@ -8,6 +8,7 @@
 //! | `start` | the window before anything is opened |
 //! | `marks`, `section_bar` | points that are measured, controls of the section plane |
 
+pub(super) mod animation;
 mod choices;
 mod controls;
 mod help;

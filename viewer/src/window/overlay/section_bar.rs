@@ -10,7 +10,7 @@ const MOST: f32 = 0.4;
 pub(super) fn show(context: &egui::Context, section: &mut Option<Plane>, position: Option<f64>) {
     let Some(mut plane) = *section else { return };
     let mut removed = false;
-    let area = egui::Area::new(egui::Id::unique("section")).anchor(egui::Align2::CENTER_BOTTOM, [0.0, -40.0]);
+    let area = egui::Area::new(egui::Id::unique("section")).anchor(egui::Align2::CENTER_BOTTOM, [0.0, -56.0]);
     area.show(context, |ui| {
         egui::Frame::popup(ui.style()).show(ui, |ui| {
             ui.horizontal(|ui| {

@@ -69,6 +69,7 @@ impl Running {
                     self.fail_to_write(&why);
                 }
             }
+            Action::Play | Action::NextClip | Action::PreviousClip => self.act_on_animation(action),
             Action::Quit => return Ok(true),
             other => {
                 if let Some(streaming) = &self.streaming {

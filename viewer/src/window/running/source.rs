@@ -50,6 +50,7 @@ impl Running {
         }
         let mut scene = SceneView::with_terrain_apart(self.notify.call())?;
         scene.set_vertical_exaggeration(self.choices.heights[0], 0.0, 0.0)?;
+        self.animation.forget();
         self.next = Some(NextScene { streaming, scene, status: Status::default(), whole: None });
         self.send_view();
         Ok(true)
@@ -69,6 +70,7 @@ impl Running {
         tracing::debug!(?now, "the next scene is shown");
         self.streaming = Some(next.streaming);
         self.scene = next.scene;
+        self.animation.forget();
         self.status = SessionStatus::default();
         self.status.take(next.status);
         Ok(true)
