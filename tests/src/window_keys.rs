@@ -113,9 +113,9 @@ fn each_key_and_button_changes_the_picture_and_back() {
     wait_for(&window, "the start view", &whole);
     // Points that are measured are drawn until Escape.
     window.press('m');
-    window.click(x - 30, y);
-    window.click(x + 30, y);
-    wait_for_share(&window, "a measured distance", &whole, 0.006);
+    window.click(x - 50, y);
+    window.click(x + 50, y);
+    wait_for_share(&window, "a measured distance", &whole, 0.0045);
     window.press_symbol(ESCAPE);
     wait_for(&window, "no measuring", &whole);
     window.wait_for_full_screen(RUN_LIMIT, || window.press_symbol(F11));

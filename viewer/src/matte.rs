@@ -45,6 +45,6 @@ mod tests {
         let white = pixels([[200, 100, 40], [240, 240, 240], [220, 170, 140], [120, 120, 120]]);
         let shown = matte(&black, &white);
         let shown: Vec<[u8; 4]> = shown.pixels().map(|pixel| pixel.0).collect();
-        assert_eq!(shown, [[200, 100, 40, 255], [0; 4], [199, 100, 40, 128], [0, 0, 0, 128]]);
+        assert_eq!(shown, [[200, 100, 40, 255], [0; 4], [200, 100, 40, 128], [0, 0, 0, 128]]);
     }
 }
