@@ -104,8 +104,11 @@ impl Program {
     /// The next line of its standard output, which is read byte by byte: the rest stays for [`Self::end`].
     pub(crate) fn line(&mut self) -> String {
         let out = self.child.stdout.as_mut().expect("it is piped");
-        let bytes = out.bytes().map(|byte| byte.unwrap()).take_while(|byte| *byte != b'\n');
-        String::from_utf8(bytes.collect()).unwrap()
+        let (mut line, mut byte) = (Vec::new(), [0]);
+        while out.read(&mut byte).unwrap() == 1 && byte != *b"\n" {
+            line.extend(byte);
+        }
+        String::from_utf8(line).unwrap()
     }
 
     /// Asks the window to close, as a window manager does. Waits until there is a window.
