@@ -68,8 +68,11 @@ fn each_key_and_button_changes_the_picture_and_back() {
     let [x, y] = SIZE_PX.map(|side| i16::try_from(side / 2).unwrap());
     window.point_at(x, y);
     wait_for(&window, "the file", &whole);
-    // Panels, edges of triangles, and the line over the picture, each shown and hidden by its key.
-    for (key, share) in [('h', 0.02), ('i', 0.02), ('p', 0.01), ('g', 0.02), ('t', 0.006)] {
+    // Panels, edges of triangles, parallel projection, a section plane, and the line over the picture, each shown and hidden
+    // by its key.
+    for (key, share) in
+        [('h', 0.02), ('i', 0.02), ('p', 0.01), ('g', 0.02), ('t', 0.006), ('o', 0.01), ('c', 0.02)]
+    {
         window.press(key);
         wait_for_share(&window, &format!("{key}: shown"), &whole, share);
         window.press(key);
