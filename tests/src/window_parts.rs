@@ -7,6 +7,7 @@ use image::RgbImage;
 use lodestream_bake::scene::of_files;
 use lodestream_daemon::SessionSettings;
 use lodestream_protocol::source::SceneSource as _;
+use lodestream_scene::description::{DEFAULT_AMBIENT, DEFAULT_BACKGROUND};
 
 use crate::parts::write_house;
 use crate::support::daemon::{Server, Transport};
@@ -35,7 +36,9 @@ fn a_click_in_the_window_selects_a_part_and_keys_hide_isolate_fit_and_show_it() 
         return;
     }
     let folder = tempfile::tempdir().unwrap();
-    let scene = of_files(&[write_house(folder.path())]).unwrap();
+    let mut scene = of_files(&[write_house(folder.path())]).unwrap();
+    // Under the sky, which parts differ from more than from a studio.
+    (scene.background, scene.ambient) = (DEFAULT_BACKGROUND, DEFAULT_AMBIENT);
     let test_scene = TestScene::open(&scene, prepare_all(&scene, &folder.path().join("cache")));
     let batch = test_scene.asset("house/parts");
     let page = test_scene.store.page(0).unwrap();

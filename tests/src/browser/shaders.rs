@@ -13,6 +13,7 @@ use lodestream_render::{
     Renderer, SceneView, Settings, Target,
 };
 use lodestream_scene::parts::{PartTransform, ScenePart};
+use lodestream_scene::section::{SectionPlane, SectionPlanes};
 
 use super::tab;
 use crate::support::daemon::Server;
@@ -41,6 +42,15 @@ fn variants() -> Vec<Settings> {
         },
         Settings { render_scale: 0.5, occlusion: Some(AmbientOcclusion { half: true, ..ambient }), ..usual },
     ];
+    let plane = SectionPlane::new(DVec3::X, 0.0).expect("a plane");
+    let sections = SectionPlanes::new(&[plane]).expect("few planes");
+    let cut = Settings { sections, ..usual };
+    all.extend([
+        cut,
+        Settings { wireframe: true, ink: Some(Ink::default()), ..cut },
+        Settings { pn_triangles: Some(PnTriangles::default()), ..cut },
+        Settings { debug_view: DebugView::Overdraw, ..cut },
+    ]);
     all.extend(OcclusionMethod::ALL.into_iter().flat_map(|method| {
         OcclusionNormals::ALL.map(|normals| Settings {
             occlusion: Some(AmbientOcclusion { method, normals, still: Some(method), ..ambient }),
