@@ -107,6 +107,7 @@ impl Running {
         (self.part_list, self.measure, self.pivot) =
             (PartList::default(), Measure::default(), Pivot::default());
         self.section = Section::default();
+        self.animation.forget();
         (self.shown, self.state, self.reported_incomplete) = (FrameLog::default(), State::Refining, false);
         (self.transport, self.stays_open, self.waiting) = (target.transport(), true, None);
         self.address = target.to_string();
