@@ -504,7 +504,9 @@ class Reader:
         if flags & 128:
             second = self.f("second", b.u8)
             alpha, u, v = second & 3, second >> 3 & 3, second >> 5 & 3
-            ensure(alpha < 3 and u < 3 and v < 3, f"unknown flags of a material: {second}")
+            third = self.f("third", b.u8) if alpha == 3 else alpha
+            ensure(third & 3 < 3 and third < 8 and u < 3 and v < 3, f"unknown flags of a material: {second}, {third}")
+            alpha = third & 3
             wraps = ["repeat", "clamp", "mirror"]
             material["alpha"] = ["opaque", "mask", "blend"][alpha]
             material["unlit"] = bool(second & 4)
@@ -512,6 +514,8 @@ class Reader:
             material["wrap"] = [wraps[u], wraps[v]]
             if alpha == 1:
                 material["cutoff"] = self.f("cutoff", b.u8)
+            if third & 4:
+                material["specular"] = self.f("specular", lambda: [b.u8() for _ in range(4)])
         return material
 
     def texture(self):

@@ -533,8 +533,9 @@ fn material(material: &Material) -> Value {
     if let Some(texture) = material.emission_texture {
         value["emission_texture"] = json!(texture);
     }
-    let Material { alpha, unlit, flat, wrap, .. } = material;
-    if (*alpha, *unlit, *flat, *wrap) != (Alpha::Opaque, false, false, [Wrap::Repeat; 2]) {
+    let Material { alpha, unlit, flat, wrap, specular, .. } = material;
+    let is_usual = specular.is_usual();
+    if (*alpha, *unlit, *flat, *wrap) != (Alpha::Opaque, false, false, [Wrap::Repeat; 2]) || !is_usual {
         let wrap = |wrap| match wrap {
             Wrap::Repeat => "repeat",
             Wrap::Clamp => "clamp",
@@ -550,6 +551,9 @@ fn material(material: &Material) -> Value {
         value["wrap"] = json!(material.wrap.map(wrap));
         if let Alpha::Mask(cutoff) = material.alpha {
             value["cutoff"] = json!((cutoff * 255.0).round() as u8);
+        }
+        if !is_usual {
+            value["specular"] = json!(specular.bytes());
         }
     }
     value

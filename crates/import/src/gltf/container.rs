@@ -12,14 +12,14 @@ use glam::DMat4;
 use gltf::json;
 
 use super::pose;
-use super::root::{COMPRESSED_VIEWS, DRACO, Root, TEXTURE_AVIF, TEXTURE_BASISU, TEXTURE_WEBP};
+use super::root::{COMPRESSED_VIEWS, DRACO, IOR, Root, SPECULAR, TEXTURE_AVIF, TEXTURE_BASISU, TEXTURE_WEBP};
 use crate::beside::Beside;
 use crate::content::{Content, OpenFile};
 use crate::error::ImportError;
 use crate::file::{MAX_FILE_BYTES, read_file};
 
 /// Extensions that a file may require, besides [`COMPRESSED_VIEWS`] and, with the feature `draco`, [`DRACO`].
-const SUPPORTED: [&str; 9] = [
+const SUPPORTED: [&str; 11] = [
     "EXT_mesh_gpu_instancing",
     TEXTURE_AVIF,
     TEXTURE_WEBP,
@@ -29,6 +29,8 @@ const SUPPORTED: [&str; 9] = [
     "KHR_texture_transform",
     "KHR_materials_unlit",
     "KHR_materials_emissive_strength",
+    IOR,
+    SPECULAR,
 ];
 
 fn supported(name: &str) -> bool {
@@ -57,7 +59,7 @@ pub(crate) struct Document {
     bin: Option<Buffer>,
     /// What is unusual about the file as a whole, for people; each without the file's name.
     pub(super) warnings: Vec<String>,
-    /// Extensions of its materials, each with the number of materials that have it.
+    /// As of [`Root::material_extensions`].
     material_extensions: BTreeMap<String, usize>,
     /// Where files are that are not at the paths that it states.
     beside: Beside,

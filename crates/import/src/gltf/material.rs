@@ -9,6 +9,7 @@ use lodestream_scene::asset::{Alpha, MAX_EMISSION, MAX_NORMAL_SCALE, Material};
 use super::accessor::Buffers;
 use super::container::Document;
 use super::maps::{Maps, Texture, UvTransform};
+use super::specular::specular;
 use crate::error::ImportError;
 use crate::model::{Channel, Component, ImportedMaterial, MaterialMaps};
 
@@ -58,7 +59,10 @@ pub(super) fn convert(
     // A file with both models offers metallic-roughness to readers that support it.
     match extensions.and_then(|e| e.pbr_specular_glossiness.as_ref()).filter(|_| !has_core(source)) {
         Some(glossy) => specular_glossiness(glossy, material, images, &mut maps),
-        None => metallic_roughness(source, material, images, &mut maps),
+        None => {
+            metallic_roughness(source, material, images, &mut maps);
+            material.specular = extensions.filter(|_| !material.unlit).map(specular).unwrap_or_default();
+        }
     }
     if !material.unlit {
         normal_occlusion_emission(source, material, images, &mut maps);

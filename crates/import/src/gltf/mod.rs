@@ -34,6 +34,7 @@ mod posed;
 mod root;
 mod similarity;
 mod sizes;
+mod specular;
 #[cfg(test)]
 mod tests;
 mod uneven;

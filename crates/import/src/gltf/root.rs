@@ -30,6 +30,10 @@ pub(super) const TEXTURE_BASISU: &str = "KHR_texture_basisu";
 pub(super) const SPECULAR_GLOSSINESS: &str = "KHR_materials_pbrSpecularGlossiness";
 pub(super) const TRANSMISSION: &str = "KHR_materials_transmission";
 
+/// Extensions of materials that are shown, but for their textures.
+pub(super) const IOR: &str = "KHR_materials_ior";
+pub(super) const SPECULAR: &str = "KHR_materials_specular";
+
 /// Extensions that compress buffer views.
 pub(super) const COMPRESSED_VIEWS: [&str; 2] = ["EXT_meshopt_compression", "KHR_meshopt_compression"];
 
@@ -72,7 +76,8 @@ pub(super) struct Root {
 }
 
 impl Root {
-    /// Extensions of materials, each with the number of materials that have it.
+    /// Extensions of materials, and textures of those that are shown without them (`<extension>.<texture>`), each with the
+    /// number of materials that have it.
     pub(super) fn material_extensions(&self) -> BTreeMap<String, usize> {
         let mut counts = BTreeMap::new();
         for extensions in self.materials.iter().filter_map(|material| material.extensions.as_ref()) {
@@ -83,6 +88,14 @@ impl Root {
             let parsed = parsed.into_iter().filter(|(_, has)| *has).map(|(name, _)| name);
             for name in parsed.chain(extensions.others.keys().map(String::as_str)) {
                 *counts.entry(name.to_owned()).or_default() += 1;
+            }
+            let shown =
+                [IOR, SPECULAR].into_iter().filter_map(|name| Some((name, extensions.others.get(name)?)));
+            for (name, fields) in shown {
+                let keys = fields.as_object().into_iter().flat_map(Map::keys);
+                for texture in keys.filter(|key| key.ends_with("Texture")) {
+                    *counts.entry(format!("{name}.{texture}")).or_default() += 1;
+                }
             }
         }
         counts

@@ -9,6 +9,7 @@ mod draco;
 mod found;
 mod instancing;
 mod lights;
+mod material_extensions;
 mod materials;
 mod parts;
 mod poses;

@@ -5,6 +5,27 @@ use super::surface::{V3, dot, scale};
 /// Reflectance of dielectrics looking straight at them.
 pub const DIELECTRIC: f64 = 0.04;
 
+/// What a dielectric reflects (Schlick 1994).
+#[derive(Clone, Copy, Debug)]
+pub struct Specular {
+    /// Looking straight at it.
+    pub f0: V3,
+    /// Along it.
+    pub f90: f64,
+}
+
+impl Specular {
+    /// Without extensions.
+    pub const USUAL: Self = Self { f0: [DIELECTRIC; 3], f90: 1.0 };
+
+    /// What stands in a G-buffer.
+    #[must_use]
+    pub fn of_bytes([r, g, b, f90]: [u8; 4]) -> Self {
+        let share = |byte: u8| f64::from(byte) / 255.0;
+        Self { f0: [r, g, b].map(|root| share(root).powi(2)), f90: share(f90) }
+    }
+}
+
 /// A surface seen from a direction.
 #[derive(Clone, Copy, Debug)]
 pub struct Reflector {
@@ -18,6 +39,8 @@ pub struct Reflector {
     pub normal: V3,
     /// Unit direction towards the eye.
     pub to_eye: V3,
+    /// Without metal.
+    pub specular: Specular,
 }
 
 fn normalized(a: V3) -> V3 {
@@ -70,10 +93,15 @@ impl Reflector {
         let normal_half = dot(self.normal, half_way).clamp(0.0, 1.0);
         let rise = (1.0 - dot(self.to_eye, half_way)).clamp(0.0, 1.0).powi(5);
         let layer = std::f64::consts::PI * microfacets(self.roughness, normal_half, normal_light, normal_eye);
-        self.albedo.map(|albedo| {
-            let f0 = DIELECTRIC + (albedo - DIELECTRIC) * self.metal;
-            let reflectance = f0 + (1.0 - f0) * rise;
-            (1.0 - reflectance) * albedo * (1.0 - self.metal) + reflectance * layer
+        // KHR_materials_specular: the base loses as much of each colour as of the one that is reflected most.
+        let most = self.specular.f0.into_iter().fold(0.0, f64::max);
+        [0, 1, 2].map(|i| {
+            let (albedo, dielectric, f90) = (self.albedo[i], self.specular.f0[i], self.specular.f90);
+            let at = |f0: f64, f90: f64| f0 + (f90 - f0) * rise;
+            let mixed = |a: f64, b: f64| a + (b - a) * self.metal;
+            let reflectance = at(mixed(dielectric, albedo), mixed(f90, 1.0));
+            let excess = (at(most, f90) - at(dielectric, f90)) * (1.0 - self.metal);
+            (1.0 - reflectance - excess) * albedo * (1.0 - self.metal) + reflectance * layer
         })
     }
 
@@ -145,7 +173,14 @@ mod tests {
     #[test]
     fn the_roughest_mirror_looked_at_straight_gives_back_what_its_integral_says() {
         let up = [0.0, 0.0, 1.0];
-        let r = Reflector { albedo: [1.0; 3], metal: 1.0, roughness: 1.0, normal: up, to_eye: up };
+        let r = Reflector {
+            albedo: [1.0; 3],
+            metal: 1.0,
+            roughness: 1.0,
+            normal: up,
+            to_eye: up,
+            specular: Specular::USUAL,
+        };
         // The integral of 1 / (2 π (1 + μ)), with the cosine μ, over the hemisphere.
         let want = 1.0 - 2.0_f64.ln();
         assert!((from_sky(&r, 64, |_| [1.0; 3])[0] - want).abs() < 1e-3);
@@ -156,8 +191,14 @@ mod tests {
         for (roughness, least) in [(0.1, 0.97), (0.5, 0.8), (1.0, 0.3)] {
             for cosine in [1.0_f64, 0.7, 0.3] {
                 let to_eye = [(1.0 - cosine * cosine).sqrt(), 0.0, cosine];
-                let r =
-                    Reflector { albedo: [1.0; 3], metal: 1.0, roughness, normal: [0.0, 0.0, 1.0], to_eye };
+                let r = Reflector {
+                    albedo: [1.0; 3],
+                    metal: 1.0,
+                    roughness,
+                    normal: [0.0, 0.0, 1.0],
+                    to_eye,
+                    specular: Specular::USUAL,
+                };
                 let [out, ..] = from_sky(&r, 128, |_| [1.0; 3]);
                 assert!((least..=1.003).contains(&out), "{roughness} {cosine}: {out}");
             }

@@ -2,7 +2,7 @@
 
 use glam::{DVec2, DVec3};
 
-use super::brdf::Reflector;
+use super::brdf::{Reflector, Specular};
 use super::sky::{Sky, environment_brdf};
 use crate::passes::water::WaterView;
 
@@ -62,6 +62,7 @@ impl WaterView {
             roughness,
             normal: normal.to_array(),
             to_eye: to_eye.to_array(),
+            specular: Specular::USUAL,
         };
         let glint =
             DVec3::from(mirror.brdf_pi(sky.to_sun.to_array())) * sun * normal.dot(sky.to_sun).max(0.0);

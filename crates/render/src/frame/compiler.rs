@@ -51,8 +51,8 @@ enum Task {
 /// milliseconds per pipeline. Clones share the work: each thread that calls [`Compiler::compile`] takes tasks that no
 /// other has begun.
 ///
-/// Pipelines that only some materials need (textures, alpha test, transparency) are compiled with the first such
-/// asset, those of punctual lights with the first light.
+/// Pipelines that only some materials need (textures, alpha test, transparency, specular reflection) are compiled with
+/// the first such asset, those of punctual lights with the first light.
 #[derive(Clone, Debug)]
 pub struct Compiler {
     gpu: Gpu,
@@ -156,11 +156,12 @@ fn tasks(gpu: &Gpu, settings: &Settings, ground: bool) -> Vec<Task> {
     also(!settings.sections.is_empty(), &[Task::Caps]);
     also(ground, &[Task::Ground { relief }]);
     also(relief, &[Task::Surface { relief: true }]);
-    also(true, &[Task::FullscreenPass(FullscreenPass::Lighting { occlusion, shadows })]);
+    also(true, &[Task::FullscreenPass(FullscreenPass::Lighting { occlusion, shadows, specular: false })]);
     let by_cells = settings.reflections.map(|reflections| reflections.method == ReflectionMethod::HiZ);
     also(ground && settings.water, &[Task::Water { by_cells }]);
     if let Some(by_cells) = by_cells {
-        also(true, &[Task::FullscreenPass(FullscreenPass::Reflections { occlusion, by_cells })]);
+        let specular = false;
+        also(true, &[Task::FullscreenPass(FullscreenPass::Reflections { occlusion, by_cells, specular })]);
         also(by_cells, &[Task::FullscreenPass(FullscreenPass::DepthPyramid)]);
     }
     also(settings.bloom.is_some(), &[Task::Bloom]);

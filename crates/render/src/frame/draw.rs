@@ -27,9 +27,10 @@ pub(crate) struct DrawList<'a> {
     places: Vec<u32>,
     /// Region that receives light.
     pub(crate) receivers: Receivers,
-    /// Whether any material is transparent, and whether any opaque one emits.
+    /// Whether any material is transparent, and whether any opaque one emits or has specular reflection of its own.
     pub(crate) blends: bool,
     pub(crate) emits: bool,
+    pub(crate) specular: bool,
 }
 
 impl<'a> DrawList<'a> {
@@ -46,7 +47,8 @@ impl<'a> DrawList<'a> {
         instances.clear();
         places.clear();
         let (batches, receivers) = (Vec::new(), Receivers::NONE);
-        let mut list = Self { instances, batches, places, receivers, blends: false, emits: false };
+        let (blends, emits, specular) = (false, false, false);
+        let mut list = Self { instances, batches, places, receivers, blends, emits, specular };
         let frustum = Frustum::new(&frame.camera, size);
         let (mut cells, mut order) = (Vec::new(), Vec::new());
         for (number, (drawable, placed)) in frame.drawables.iter().zip(placed.drawables()).enumerate() {
@@ -81,6 +83,7 @@ impl<'a> DrawList<'a> {
             });
             list.blends |= look.blends;
             list.emits |= look.emits;
+            list.specular |= look.specular;
         }
         order.sort_unstable();
         list.batches = order.iter().map(|key| list.batches[(key & INDEX) as usize]).collect();

@@ -69,6 +69,19 @@ impl DrawGroups<'_> {
         });
     }
 
+    /// Draws specular reflection that is not the usual.
+    pub(crate) fn specular(
+        &self,
+        gpu: &Gpu,
+        pass: &mut wgpu::RenderPass<'_>,
+        meshes: Meshes<'_>,
+        counters: &mut Counters,
+    ) {
+        self.draw_with(pass, meshes, counters, |pipelines, of| {
+            (of.specular && !of.blend).then(|| pipelines.specular(gpu))
+        });
+    }
+
     /// Draws overdraw counters, of transparent or of all other surfaces.
     pub(crate) fn overdraw(
         &self,

@@ -14,6 +14,8 @@ pub enum PassId {
     GBuffer,
     /// Depth of the caps of solids that section planes cut.
     Caps,
+    /// Draws specular reflection of dielectrics, where materials set it.
+    Specular,
     /// Ambient occlusion by one of [`crate::OcclusionMethod`], in 16 rotations.
     Occlusion,
     /// 4×4 blur that removes the rotation's pattern.
@@ -75,6 +77,7 @@ impl PassId {
             Self::Overdraw => "overdraw",
             Self::GBuffer => "g_buffer",
             Self::Caps => "caps",
+            Self::Specular => "specular",
             Self::Occlusion => "occlusion",
             Self::OcclusionBlur => "occlusion_blur",
             Self::ShadowMaps => "shadow_maps",
@@ -112,6 +115,8 @@ pub(crate) enum Resource {
     Depth,
     Normal,
     Albedo,
+    /// Specular reflection of dielectrics, if a material sets it.
+    Specular,
     OcclusionRaw,
     /// Occlusion at half resolution.
     OcclusionHalf,
@@ -149,13 +154,19 @@ pub(crate) enum Resource {
 pub(crate) struct Pass {
     pub(crate) id: PassId,
     reads: &'static [Resource],
+    /// Read besides `reads`.
+    also: &'static [Resource],
     writes: &'static [Resource],
 }
 
 impl Pass {
     /// Whether it reads a resource.
     pub(crate) fn reads(&self, resource: Resource) -> bool {
-        self.reads.contains(&resource)
+        self.inputs().any(|read| read == resource)
+    }
+
+    fn inputs(&self) -> impl Iterator<Item = Resource> {
+        self.reads.iter().chain(self.also).copied()
     }
 
     /// Whether it writes a resource.
@@ -172,6 +183,8 @@ pub(crate) struct Needs {
     pub(crate) sections: bool,
     /// PN triangles are drawn.
     pub(crate) curved: bool,
+    /// Materials set the specular reflection of dielectrics.
+    pub(crate) specular: bool,
     pub(crate) occlusion: bool,
     /// Occlusion reads the G-buffer's normals.
     pub(crate) drawn_normals: bool,
@@ -212,9 +225,12 @@ pub(crate) struct Needs {
 pub(crate) fn candidates(needs: Needs) -> Vec<Pass> {
     use Resource::{
         Albedo, Depth, Display, Edges, History, Lit, Motion, Normal, Occlusion, OcclusionHalf, OcclusionMean,
-        OcclusionRaw, Overdraw, Patches, Pyramid, Radiance, ShadowMaps, Smoothed, Strokes, Sunlight, Target,
+        OcclusionRaw, Overdraw, Patches, Pyramid, Radiance, ShadowMaps, Smoothed, Specular, Strokes,
+        Sunlight, Target,
     };
-    let pass = |id, reads, writes| Pass { id, reads, writes };
+    let pass = |id, reads, writes| Pass { id, reads, also: &[], writes };
+    let also: &[Resource] = if needs.specular { &[Specular] } else { &[] };
+    let lit = |id, reads, writes| Pass { also, ..pass(id, reads, writes) };
     let mut passes = Vec::new();
     if needs.geometry {
         let drawn_by: &[Resource] = if needs.curved { &[Patches] } else { &[] };
@@ -222,6 +238,9 @@ pub(crate) fn candidates(needs: Needs) -> Vec<Pass> {
         passes.push(pass(PassId::GBuffer, drawn_by, &[Depth, Normal, Albedo]));
         if needs.sections {
             passes.push(pass(PassId::Caps, &[Depth, Normal], &[Depth]));
+        }
+        if needs.specular {
+            passes.push(pass(PassId::Specular, &[Depth], &[Specular]));
         }
         if needs.shown.is_some_and(|shown| shown.contains(&Overdraw)) {
             // Drawn with its own depth test, from cleared depth.
@@ -257,12 +276,12 @@ pub(crate) fn candidates(needs: Needs) -> Vec<Pass> {
             (false, true) => &[Depth, Normal, Albedo, Sunlight],
             (true, true) => &[Depth, Normal, Albedo, Occlusion, Sunlight],
         };
-        passes.push(pass(PassId::Lighting, lit_by, &[Radiance]));
+        passes.push(lit(PassId::Lighting, lit_by, &[Radiance]));
         if needs.floor {
             passes.push(pass(PassId::Floor, &[Depth, Radiance], &[Radiance]));
         }
         if needs.punctual_lights {
-            passes.push(pass(PassId::PunctualLights, &[Depth, Normal, Albedo, Radiance], &[Radiance]));
+            passes.push(lit(PassId::PunctualLights, &[Depth, Normal, Albedo, Radiance], &[Radiance]));
         }
         if needs.emission {
             passes.push(pass(PassId::Emission, &[Depth, Radiance], &[Radiance]));
@@ -277,7 +296,7 @@ pub(crate) fn candidates(needs: Needs) -> Vec<Pass> {
                 (false, true) => &[Depth, Normal, Albedo, Radiance, Pyramid],
                 (true, true) => &[Depth, Normal, Albedo, Radiance, Occlusion, Pyramid],
             };
-            passes.push(pass(PassId::Reflections, mirrored, &[Lit, Radiance]));
+            passes.push(lit(PassId::Reflections, mirrored, &[Lit, Radiance]));
         }
         let seen_by: &[Resource] =
             if needs.shadows { &[Depth, Radiance, ShadowMaps] } else { &[Depth, Radiance] };
@@ -343,7 +362,7 @@ pub(crate) fn plan(candidates: &[Pass], wanted: &[Resource]) -> Vec<Pass> {
     for pass in candidates.iter().rev() {
         if pass.writes.iter().any(|w| needed.contains(w)) {
             needed.retain(|r| !pass.writes.contains(r));
-            needed.extend_from_slice(pass.reads);
+            needed.extend(pass.inputs());
             kept.push(*pass);
         }
     }
@@ -353,7 +372,7 @@ pub(crate) fn plan(candidates: &[Pass], wanted: &[Resource]) -> Vec<Pass> {
 
 /// The resources that the planned passes touch.
 pub(crate) fn resources(plan: &[Pass]) -> Vec<Resource> {
-    let mut all: Vec<_> = plan.iter().flat_map(|p| p.reads.iter().chain(p.writes)).copied().collect();
+    let mut all: Vec<_> = plan.iter().flat_map(|p| p.inputs().chain(p.writes.iter().copied())).collect();
     all.sort_unstable();
     all.dedup();
     all
@@ -391,6 +410,7 @@ mod tests {
             geometry: true,
             occlusion: true,
             shadows: true,
+            specular: true,
             punctual_lights: true,
             emission: true,
             reflections: Some(true),
@@ -405,6 +425,7 @@ mod tests {
             ids(needs, &[Resource::Target]),
             [
                 PassId::GBuffer,
+                PassId::Specular,
                 PassId::Occlusion,
                 PassId::OcclusionBlur,
                 PassId::ShadowMaps,
@@ -504,6 +525,7 @@ mod tests {
                 shown,
                 geometry: bit(0),
                 occlusion: bit(1),
+                specular: bit(7),
                 // This pass reads what an earlier frame wrote.
                 still: None,
                 wireframe: bit(2),
@@ -530,7 +552,7 @@ mod tests {
             };
             let mut written = Vec::new();
             for pass in plan(&candidates(needs), &[Resource::Target]) {
-                assert!(pass.reads.iter().all(|r| written.contains(r)), "{needs:?} {pass:?}");
+                assert!(pass.inputs().all(|r| written.contains(&r)), "{needs:?} {pass:?}");
                 written.extend_from_slice(pass.writes);
             }
             // The target is not written only if there is no geometry and its content is kept.

@@ -45,9 +45,18 @@ const BITMASK: &str = occlusion!("occlusion", "slices", "bitmask", "occlusion_ha
 const BLUR: &str = occlusion!("occlusion_blur");
 const UPSAMPLE: &str = occlusion!("occlusion_half", "occlusion_upsample");
 const SHADOWS: &str = wgsl!("common", "fullscreen", "surface", "shadows", "sunlight");
-const LIGHTING: &str = wgsl!("common", "fullscreen", "targets", "sky", "brdf", "lighting");
-const REFLECTIONS: &str =
-    wgsl!("common", "fullscreen", "surface", "targets", "sky", "brdf", "tracing", "reflections");
+/// Shader sources without and with materials that set the specular reflection of dielectrics.
+macro_rules! by_specular {
+    ($($file:literal),+) => {
+        [
+            wgsl!("common", "fullscreen", "targets", "sky", "brdf", "usual_specular", $($file),+),
+            wgsl!("common", "fullscreen", "targets", "sky", "brdf", "specular", $($file),+),
+        ]
+    };
+}
+
+const LIGHTING: [&str; 2] = by_specular!("lighting");
+const REFLECTIONS: [&str; 2] = by_specular!("surface", "tracing", "reflections");
 const DEPTH_PYRAMID: &str = wgsl!("fullscreen", "pyramid");
 const WIREFRAME: &str = wgsl!("common", "fullscreen", "wireframe");
 const ANTIALIAS: &str = wgsl!("common", "fullscreen", "antialias");
@@ -100,14 +109,17 @@ pub(crate) enum FullscreenPass {
     /// Upsampling from half resolution.
     Upsample,
     Sunlight,
+    /// `specular`: materials set the specular reflection of dielectrics.
     Lighting {
         occlusion: bool,
         shadows: bool,
+        specular: bool,
     },
     DepthPyramid,
     Reflections {
         occlusion: bool,
         by_cells: bool,
+        specular: bool,
     },
     /// A picture without surfaces.
     Sky,
@@ -123,11 +135,13 @@ pub(crate) enum FullscreenPass {
 }
 
 impl FullscreenPass {
-    const COUNT: usize = 20 + OcclusionVariant::COUNT;
+    const COUNT: usize = 28 + OcclusionVariant::COUNT;
 
     const fn number(self) -> usize {
         match self {
-            Self::Lighting { occlusion, shadows } => (occlusion as usize) << 1 | shadows as usize,
+            Self::Lighting { occlusion, shadows, specular } => {
+                (specular as usize * 20) + ((occlusion as usize) << 1 | shadows as usize)
+            }
             Self::Wireframe => 4,
             Self::Enlarge => 5,
             Self::Blur => 6,
@@ -139,9 +153,11 @@ impl FullscreenPass {
             Self::AntiAlias => 12,
             Self::AntiAliasSmall => 13,
             Self::DepthPyramid => 14,
-            Self::Reflections { occlusion, by_cells } => 15 + ((occlusion as usize) << 1 | by_cells as usize),
+            Self::Reflections { occlusion, by_cells, specular } => {
+                (specular as usize * 9) + 15 + ((occlusion as usize) << 1 | by_cells as usize)
+            }
             Self::Upsample => 19,
-            Self::Occlusion(estimate) => 20 + estimate.number(),
+            Self::Occlusion(estimate) => 28 + estimate.number(),
         }
     }
 }
@@ -153,8 +169,10 @@ enum Module {
     AntiAlias,
     Wireframe,
     Lighting,
+    SpecularLighting,
     DepthPyramid,
     Reflections,
+    SpecularReflections,
     ToneMap,
     Enlarge,
     Blur,
@@ -312,9 +330,11 @@ impl Pipelines {
             Module::Sunlight => ("sunlight", SHADOWS),
             Module::AntiAlias => ("antialias", ANTIALIAS),
             Module::Wireframe => ("wireframe", WIREFRAME),
-            Module::Lighting => ("lighting", LIGHTING),
+            Module::Lighting => ("lighting", LIGHTING[0]),
+            Module::SpecularLighting => ("lighting", LIGHTING[1]),
             Module::DepthPyramid => ("depth pyramid", DEPTH_PYRAMID),
-            Module::Reflections => ("reflections", REFLECTIONS),
+            Module::Reflections => ("reflections", REFLECTIONS[0]),
+            Module::SpecularReflections => ("reflections", REFLECTIONS[1]),
             Module::ToneMap => ("tonemap", TONEMAP),
             Module::Enlarge => ("enlarge", ENLARGE),
             Module::Blur => ("occlusion blur", BLUR),
@@ -362,15 +382,17 @@ impl Pipelines {
             FullscreenPass::Blur => full(Module::Blur, "fs_blur", OCCLUSION.into(), &[]),
             FullscreenPass::Upsample => full(Module::Upsample, "fs_upsample", OCCLUSION.into(), &[]),
             FullscreenPass::Sunlight => full(Module::Sunlight, "fs_sunlight", SUNLIGHT.into(), &[]),
-            FullscreenPass::Lighting { occlusion, shadows } => {
+            FullscreenPass::Lighting { occlusion, shadows, specular } => {
                 let constants = [("OCCLUSION", share(occlusion)), ("SHADOWS", share(shadows))];
-                full(Module::Lighting, "fs_lighting", RADIANCE.into(), &constants)
+                let module = if specular { Module::SpecularLighting } else { Module::Lighting };
+                full(module, "fs_lighting", RADIANCE.into(), &constants)
             }
             FullscreenPass::DepthPyramid => full(Module::DepthPyramid, "fs_pyramid", PYRAMID.into(), &[]),
-            FullscreenPass::Reflections { occlusion, by_cells } => {
+            FullscreenPass::Reflections { occlusion, by_cells, specular } => {
                 let constants = [("OCCLUSION", share(occlusion)), ("HI_Z", share(by_cells))];
                 let over = wgpu::ColorTargetState { blend: Some(ADD), ..RADIANCE.into() };
-                full(Module::Reflections, "fs_reflections", over, &constants)
+                let module = if specular { Module::SpecularReflections } else { Module::Reflections };
+                full(module, "fs_reflections", over, &constants)
             }
             FullscreenPass::Sky => full(Module::Lighting, "fs_sky", RADIANCE.into(), &[]),
             FullscreenPass::ToneMap => full(Module::ToneMap, "fs_tonemap", self.target.into(), encode),

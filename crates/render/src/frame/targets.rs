@@ -12,6 +12,9 @@ pub(crate) const DEPTH: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;
 pub(crate) const ALBEDO: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8UnormSrgb;
 /// World normal, octahedral, in xy; roughness; the material's ambient occlusion.
 pub(crate) const NORMAL: wgpu::TextureFormat = wgpu::TextureFormat::Rgba16Float;
+/// Specular reflection of dielectrics: roots of the reflectance straight on, and the reflectance along the surface, in
+/// 255ths, lowest byte first.
+pub(crate) const SPECULAR: wgpu::TextureFormat = wgpu::TextureFormat::R32Uint;
 /// Ambient occlusion, 1 = open.
 pub(crate) const OCCLUSION: wgpu::TextureFormat = wgpu::TextureFormat::R8Unorm;
 /// Accumulated ambient occlusion.
@@ -37,6 +40,7 @@ const fn format(resource: Resource) -> Option<wgpu::TextureFormat> {
         Resource::Depth => DEPTH,
         Resource::Normal => NORMAL,
         Resource::Albedo => ALBEDO,
+        Resource::Specular => SPECULAR,
         Resource::OcclusionRaw | Resource::OcclusionHalf | Resource::Occlusion => OCCLUSION,
         Resource::OcclusionMean => OCCLUSION_MEAN,
         Resource::Sunlight => SUNLIGHT,

@@ -1,6 +1,6 @@
 //! Pipelines of the geometry passes: G-buffer, shadow casters, emission, motion, transparency and wireframe.
 
-use crate::frame::targets::{ALBEDO, DEPTH, EDGES, MOTION, NORMAL, OVERDRAW, RADIANCE};
+use crate::frame::targets::{ALBEDO, DEPTH, EDGES, MOTION, NORMAL, OVERDRAW, RADIANCE, SPECULAR};
 use crate::resources::descriptors::{blend, buffer_binding, layout_entry, wgsl};
 use crate::resources::gpu::Gpu;
 
@@ -93,6 +93,14 @@ impl GeometryPass<'_> {
     ) -> wgpu::RenderPipeline {
         let target = wgpu::ColorTargetState { blend: Some(ADD), ..RADIANCE.into() };
         let fragment = Fragment { module: self.module, entry: entry[1], constants, targets: &[Some(target)] };
+        let raster = Raster { compare: wgpu::CompareFunction::Equal, write: false, ..Raster::FILL };
+        self.pipeline(gpu, entry[0], Some(fragment), raster)
+    }
+
+    /// Writes specular reflection, where depth equals the G-buffer's.
+    pub(crate) fn specular(&self, gpu: &Gpu, entry: [&str; 2]) -> wgpu::RenderPipeline {
+        let targets = [Some(SPECULAR.into())];
+        let fragment = Fragment { module: self.module, entry: entry[1], constants: &[], targets: &targets };
         let raster = Raster { compare: wgpu::CompareFunction::Equal, write: false, ..Raster::FILL };
         self.pipeline(gpu, entry[0], Some(fragment), raster)
     }

@@ -81,8 +81,8 @@ struct ForwardPipelines {
     layout: wgpu::PipelineLayout,
     /// Not needed by water, which shares `light`.
     module: OnceLock<wgpu::ShaderModule>,
-    /// By [`variant`], without alpha test.
-    pipelines: [OnceLock<[wgpu::RenderPipeline; 2]>; VARIANTS],
+    /// By [`variant`], without alpha test; without and with specular reflection of their own.
+    pipelines: [[OnceLock<[wgpu::RenderPipeline; 2]>; VARIANTS]; 2],
 }
 
 /// Variant of relief mapping, if it is not a linear search that keeps the mesh's depth.
@@ -128,6 +128,7 @@ pub(crate) struct MeshPipelines {
     /// Without and with tiled maps, as are `emission` and the last two of `overdraw`.
     pierced_caster: [OnceLock<wgpu::RenderPipeline>; 2],
     motion: OnceLock<wgpu::RenderPipeline>,
+    specular: OnceLock<wgpu::RenderPipeline>,
     emission: [OnceLock<wgpu::RenderPipeline>; 2],
     /// Opaque, transparent and alpha-tested.
     overdraw: [OnceLock<wgpu::RenderPipeline>; 4],
@@ -217,16 +218,24 @@ impl MeshPipelines {
             caster: OnceLock::new(),
             pierced_caster: Default::default(),
             motion: OnceLock::new(),
+            specular: OnceLock::new(),
             emission: Default::default(),
             overdraw: Default::default(),
         }
     }
 
     /// Override constants of a variant.
-    fn constants(&self, relief: bool, of: Features) -> [(&'static str, f64); 5] {
-        let Features { maps, mask, tiled, .. } = of;
-        [("RELIEF", relief), ("MAPS", maps), ("MASK", mask), ("TILED", tiled), ("SECTIONS", self.cut)]
-            .map(|(name, on)| (name, f64::from(u8::from(on))))
+    fn constants(&self, relief: bool, of: Features) -> [(&'static str, f64); 6] {
+        let Features { maps, mask, tiled, specular, .. } = of;
+        [
+            ("RELIEF", relief),
+            ("MAPS", maps),
+            ("MASK", mask),
+            ("TILED", tiled),
+            ("SPECULAR", specular),
+            ("SECTIONS", self.cut),
+        ]
+        .map(|(name, on)| (name, f64::from(u8::from(on))))
     }
 
     fn module(&self, gpu: &Gpu) -> &wgpu::ShaderModule {
@@ -284,6 +293,9 @@ impl MeshPipelines {
         }
         if material.emits {
             self.emission(gpu, material);
+        }
+        if material.specular {
+            self.specular(gpu);
         }
     }
 
@@ -352,6 +364,11 @@ impl MeshPipelines {
         })
     }
 
+    /// Specular reflection that is not the usual.
+    pub(crate) fn specular(&self, gpu: &Gpu) -> &wgpu::RenderPipeline {
+        self.specular.get_or_init(|| self.pass(gpu).specular(gpu, ["vs_surface", "fs_specular"]))
+    }
+
     /// Emission, added to the lit picture.
     pub(crate) fn emission(&self, gpu: &Gpu, material: Features) -> &wgpu::RenderPipeline {
         self.emission[usize::from(material.tiled)]
@@ -387,7 +404,7 @@ impl MeshPipelines {
     ) -> &[wgpu::RenderPipeline; 2] {
         let lit = self.lit(gpu, punctual_lights);
         let material = Features { mask: false, ..material };
-        lit.pipelines[variant(material)].get_or_init(|| {
+        lit.pipelines[usize::from(material.specular)][variant(material)].get_or_init(|| {
             let constants = self.constants(false, material);
             let text = self.texts.transparent[usize::from(punctual_lights)];
             let module = lit.module.get_or_init(|| shader(gpu, "transparent", text));

@@ -42,6 +42,7 @@ impl Settings {
         let temporal = self.anti_aliasing == AntiAliasing::Temporal;
         let needs = Needs {
             geometry: true,
+            specular: true,
             occlusion: self.occlusion.is_some(),
             shadows: self.shadows.is_some(),
             punctual_lights: self.lights.is_some(),

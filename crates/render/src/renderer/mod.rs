@@ -350,6 +350,7 @@ impl Renderer {
                 geometry: has_surfaces,
                 sections: !frame.settings.sections.is_empty(),
                 curved: curved.is_some(),
+                specular: list.specular,
                 occlusion,
                 drawn_normals: accumulated.normals == OcclusionNormals::Drawn,
                 half_occlusion: accumulated.half,

@@ -1,5 +1,7 @@
 //! Recording of the planned passes: their inputs and draws.
 
+use lodestream_scene::asset::Specular;
+
 use super::Renderer;
 use crate::frame::accumulation::AccumulationStep;
 use crate::frame::batch::{Batch, Meshes};
@@ -17,6 +19,9 @@ use crate::passes::bloom::Bloom;
 use crate::passes::debug;
 use crate::resources::gpu::Gpu;
 use crate::scene::terrain::TileList;
+
+/// Binding of the specular reflection of dielectrics: `specular.wgsl`.
+const SPECULAR: u32 = 14;
 
 impl Renderer {
     /// Records a planned pass.
@@ -40,9 +45,12 @@ impl Renderer {
             self.full(gpu, encoder, pass.id, (pipeline, reads), (write, Load::Clear));
         };
         match pass.id {
-            PassId::GBuffer | PassId::Overdraw | PassId::Emission | PassId::Transparency | PassId::Edges => {
-                self.geometry(gpu, encoder, pass.id, frame, (list, groups, ground), counters)
-            }
+            PassId::GBuffer
+            | PassId::Specular
+            | PassId::Overdraw
+            | PassId::Emission
+            | PassId::Transparency
+            | PassId::Edges => self.geometry(gpu, encoder, pass.id, frame, (list, groups, ground), counters),
             PassId::Caps => {
                 if let (Some(depth), Some(normal)) = (self.targets.view(Depth), self.targets.view(Normal)) {
                     self.pipelines.caps(gpu).record(gpu, encoder, &self.frame_buffer, &normal, &depth);
@@ -60,15 +68,17 @@ impl Renderer {
             PassId::ShadowMaps => {}
             PassId::Sunlight => self.sunlight(gpu, encoder),
             PassId::Lighting => {
-                let [occlusion, shadows] = [Occlusion, Sunlight].map(|resource| pass.reads(resource));
+                let [occlusion, shadows, specular] =
+                    [Occlusion, Sunlight, Resource::Specular].map(|resource| pass.reads(resource));
                 // Absent inputs are not read, but their binding must be filled: any texture will do.
                 let or = |there, resource| if there { resource } else { Albedo };
                 let reads = [Depth, Normal, Albedo, or(occlusion, Occlusion), or(shadows, Sunlight)];
-                let pipeline = p(FullscreenPass::Lighting { occlusion, shadows });
-                self.lit(gpu, encoder, pass.id, (pipeline, &reads), true);
+                let pipeline = p(FullscreenPass::Lighting { occlusion, shadows, specular });
+                self.lit(gpu, encoder, pass.id, (pipeline, &reads), Some(specular));
             }
             PassId::PunctualLights => {
-                self.punctual_lights(gpu, encoder, frame.settings.debug_view == DebugView::PunctualLights)
+                let counted = frame.settings.debug_view == DebugView::PunctualLights;
+                self.punctual_lights(gpu, encoder, counted, pass.reads(Resource::Specular));
             }
             PassId::DepthPyramid => {
                 if let Some(depth) = self.targets.view(Depth) {
@@ -76,13 +86,10 @@ impl Renderer {
                 }
             }
             PassId::Reflections => {
-                let [occlusion, by_cells] = [Occlusion, Pyramid].map(|resource| pass.reads(resource));
-                self.reflections(
-                    gpu,
-                    encoder,
-                    p(FullscreenPass::Reflections { occlusion, by_cells }),
-                    occlusion,
-                );
+                let [occlusion, by_cells, specular] =
+                    [Occlusion, Pyramid, Resource::Specular].map(|resource| pass.reads(resource));
+                let pipeline = p(FullscreenPass::Reflections { occlusion, by_cells, specular });
+                self.reflections(gpu, encoder, pipeline, [occlusion, specular]);
             }
             PassId::Water => self.water(gpu, encoder, pass.reads(Lit).then_some(pass.reads(Pyramid))),
             PassId::Bloom => {
@@ -131,7 +138,7 @@ impl Renderer {
                     floor.draw(gpu, (pipelines, encoder), &self.frame_buffer, (&depth, &into));
                 }
             }
-            PassId::Sky => self.lit(gpu, encoder, pass.id, (p(FullscreenPass::Sky), &[]), false),
+            PassId::Sky => self.lit(gpu, encoder, pass.id, (p(FullscreenPass::Sky), &[]), None),
             PassId::ToneMap if pass.writes(Display) => {
                 full(encoder, p(FullscreenPass::ToneMapDisplay), &[Radiance], Display);
             }
@@ -298,7 +305,7 @@ impl Renderer {
     }
 
     /// Culls punctual lights and adds their light to the picture, or shows their number in its place.
-    fn punctual_lights(&self, gpu: &Gpu, encoder: &mut PassEncoder<'_>, counted: bool) {
+    fn punctual_lights(&self, gpu: &Gpu, encoder: &mut PassEncoder<'_>, counted: bool, specular: bool) {
         let view = |resource| self.targets.view(resource);
         let (Some(depth), Some(normal), Some(albedo), Some(into)) =
             (view(Resource::Depth), view(Resource::Normal), view(Resource::Albedo), view(Resource::Radiance))
@@ -322,7 +329,9 @@ impl Renderer {
                 multiview_mask: None,
             },
         );
-        self.punctual_lights.light(gpu, &mut pass, &self.frame_buffer, &[depth, normal, albedo], counted);
+        let specular = specular.then(|| view(Resource::Specular)).flatten();
+        let surfaces = (&[depth, normal, albedo], specular.as_ref());
+        self.punctual_lights.light(gpu, &mut pass, &self.frame_buffer, surfaces, counted);
     }
 
     /// Copies the lit picture, and adds reflections of the copy.
@@ -331,7 +340,7 @@ impl Renderer {
         gpu: &Gpu,
         encoder: &mut PassEncoder<'_>,
         pipeline: &wgpu::RenderPipeline,
-        occlusion: bool,
+        [occlusion, specular]: [bool; 2],
     ) {
         let texture = |resource| self.targets.texture(resource);
         let (Some(from), Some(to), Some(into)) =
@@ -353,6 +362,9 @@ impl Renderer {
             (12, wgpu::BindingResource::Sampler(self.sky.sampler())),
             view(13, &split_sum),
         ];
+        let specular = specular.then(|| self.targets.view(Resource::Specular)).flatten();
+        let specular = specular.as_ref().map(|specular| view(SPECULAR, specular));
+        let more: Vec<_> = more.into_iter().chain(specular).collect();
         let group = self.inputs_and(gpu, pipeline, &reads, &more);
         let over = Target { load: Load::Keep, ..Target::colour(&into, (0, 0)) };
         fullscreen(encoder, PassId::Reflections, pipeline, &group, &over);
@@ -389,21 +401,26 @@ impl Renderer {
         }
     }
 
-    /// A fullscreen pass into radiance that samples the sky; only surfaces sample the reflection maps.
+    /// A fullscreen pass into radiance that samples the sky; only surfaces sample the reflection maps, and the specular
+    /// reflection of dielectrics if it is `true`.
     fn lit(
         &self,
         gpu: &Gpu,
         encoder: &mut PassEncoder<'_>,
         id: PassId,
         (pipeline, reads): (&wgpu::RenderPipeline, &[Resource]),
-        surfaces: bool,
+        surfaces: Option<bool>,
     ) {
         if let Some(target) = self.targets.view(Resource::Radiance) {
+            let specular = surfaces.filter(|specular| *specular);
+            let specular_map = specular.and_then(|_| self.targets.view(Resource::Specular));
             let [seen, lobes, split_sum] = self.sky.views();
             let view = |binding, view| (binding, wgpu::BindingResource::TextureView(view));
             let sampler = (12, wgpu::BindingResource::Sampler(self.sky.sampler()));
-            let more = [view(11, &lobes), view(13, &split_sum)].into_iter().filter(|_| surfaces);
-            let entries: Vec<_> = [view(10, &seen), sampler].into_iter().chain(more).collect();
+            let more = [view(11, &lobes), view(13, &split_sum)].into_iter().filter(|_| surfaces.is_some());
+            let specular = specular_map.as_ref().map(|specular| view(SPECULAR, specular));
+            let entries: Vec<_> =
+                [view(10, &seen), sampler].into_iter().chain(more).chain(specular).collect();
             let group = self.inputs_and(gpu, pipeline, reads, &entries);
             fullscreen(encoder, id, pipeline, &group, &Target::colour(&target, (0, 0)));
         }
@@ -453,6 +470,7 @@ impl Renderer {
         let Some(depth) = view(Resource::Depth) else { return };
         let colours: &[Resource] = match id {
             PassId::GBuffer => &[Resource::Normal, Resource::Albedo],
+            PassId::Specular => &[Resource::Specular],
             PassId::Overdraw => &[Resource::Overdraw],
             PassId::Edges => &[Resource::Edges],
             _ => &[Resource::Radiance],
@@ -461,6 +479,10 @@ impl Renderer {
         let over = !matches!(id, PassId::GBuffer | PassId::Overdraw);
         let load = match id {
             PassId::Emission | PassId::Transparency => wgpu::LoadOp::Load,
+            PassId::Specular => {
+                let usual = u32::from_le_bytes(Specular::default().bytes());
+                wgpu::LoadOp::Clear(wgpu::Color { r: usual.into(), ..wgpu::Color::TRANSPARENT })
+            }
             _ => wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT),
         };
         let attachments: Vec<_> = views.iter().map(|view| Some(attachment(view, load))).collect();
@@ -484,6 +506,7 @@ impl Renderer {
         if let Some(meshes) = meshes {
             match id {
                 PassId::Emission => groups.emission(gpu, &mut pass, meshes, counters),
+                PassId::Specular => groups.specular(gpu, &mut pass, meshes, counters),
                 PassId::Transparency => {
                     let punctual_lights = counters.passes.contains(&PassId::PunctualLights);
                     if let Some(light) = self.light(gpu, punctual_lights) {

@@ -100,6 +100,8 @@ pub(crate) struct Look {
     pub(crate) blends: bool,
     /// Any opaque one emits.
     pub(crate) emits: bool,
+    /// Any opaque one has specular reflection that is not the usual.
+    pub(crate) specular: bool,
 }
 
 /// Inputs of one material's draw call.
@@ -589,10 +591,14 @@ impl AssetGpu {
     pub(crate) fn look(&self) -> Option<Look> {
         let drawn = self.parts.iter().filter(|part| part.indices.len() > 0);
         let looks = drawn.map(|part| {
-            let Features { blend: blends, emits, .. } = part.bound.features;
-            Look { blends, emits: emits && !blends }
+            let Features { blend: blends, emits, specular, .. } = part.bound.features;
+            Look { blends, emits: emits && !blends, specular: specular && !blends }
         });
-        let all = |a: Look, b: Look| Look { blends: a.blends | b.blends, emits: a.emits | b.emits };
+        let all = |a: Look, b: Look| Look {
+            blends: a.blends | b.blends,
+            emits: a.emits | b.emits,
+            specular: a.specular | b.specular,
+        };
         looks.reduce(all).filter(|_| self.vertices.len() > 0)
     }
 }

@@ -131,6 +131,8 @@ pub(crate) struct Features {
     pub(crate) blend: bool,
     /// Emission.
     pub(crate) emits: bool,
+    /// Specular reflection that is not the usual.
+    pub(crate) specular: bool,
     /// A map with tiled levels.
     pub(crate) tiled: bool,
     /// Faces have their own normals, so they are not curved.
@@ -138,9 +140,9 @@ pub(crate) struct Features {
 }
 
 impl Features {
-    /// Whether the relief's depth can be written; emission is drawn at the mesh's own depth.
+    /// Whether the relief's depth can be written; emission and specular reflection are drawn at the mesh's own depth.
     pub(crate) const fn relief_may_be_deep(self) -> bool {
-        self.relief && !self.emits && !self.blend
+        self.relief && !self.emits && !self.specular && !self.blend
     }
 
     /// Features once all textures have arrived, if they are whole.
@@ -151,6 +153,7 @@ impl Features {
             mask: matches!(material.alpha, Alpha::Mask(_)),
             blend: material.alpha == Alpha::Blend,
             emits: material.emits(),
+            specular: !material.unlit && !material.specular.is_usual(),
             tiled: false,
             flat: material.flat,
         }

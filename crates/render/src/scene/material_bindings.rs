@@ -29,6 +29,9 @@ struct MaterialUniform {
     flat_faces: u32,
     /// Wrap modes as indices of [`WRAPS`]: of u, and of v from bit 8.
     wrap: u32,
+    /// [`Specular::bytes`](lodestream_scene::asset::Specular::bytes), lowest first.
+    specular: u32,
+    padding: [u32; 3],
     /// Tiled maps: colour, surface, normal and emission.
     tiled: [TiledMap; 4],
 }
@@ -203,6 +206,8 @@ impl MaterialBindings {
             unlit: u32::from(material.unlit),
             flat_faces: u32::from(material.flat),
             wrap: wrap[0] as u32 | (wrap[1] as u32) << 8,
+            specular: u32::from_le_bytes(material.specular.bytes()),
+            padding: [0; 3],
             tiled,
         };
         // Acceleration textures assume a repeating map.

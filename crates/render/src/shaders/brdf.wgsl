@@ -4,6 +4,20 @@
 // Reflectance of dielectrics looking straight at them.
 const DIELECTRIC: f32 = 0.04;
 
+// What a dielectric reflects (KHR_materials_ior, KHR_materials_specular).
+struct Specular {
+    f0: vec3<f32>, // looking straight at it
+    f90: f32, // along it
+}
+
+const USUAL_SPECULAR: Specular = Specular(vec3<f32>(DIELECTRIC, DIELECTRIC, DIELECTRIC), 1.0);
+
+// From roots of f0 and f90, in 255ths: 51 are the usual 0.04.
+fn specular_of(packed: u32) -> Specular {
+    let stored = unpack4x8unorm(packed);
+    return Specular(stored.rgb * stored.rgb, stored.w);
+}
+
 struct Reflector {
     albedo: vec3<f32>,
     metal: f32,
@@ -11,6 +25,19 @@ struct Reflector {
     normal: vec3<f32>,
     to_eye: vec3<f32>,
     open: f32, // share of the sky that occlusion leaves
+    specular: Specular, // without metal
+}
+
+// As metal mixes it.
+fn mixed_specular(r: Reflector) -> Specular {
+    return Specular(mix(r.specular.f0, r.albedo, r.metal), r.specular.f90 + (1.0 - r.specular.f90) * r.metal);
+}
+
+// What a tinted reflection takes from the base beyond itself, per `1 - rise`: as much of each colour as of its strongest,
+// so that the base does not turn to the complementary colour.
+fn tint_excess(r: Reflector) -> vec3<f32> {
+    let f0 = r.specular.f0;
+    return (max(f0.r, max(f0.g, f0.b)) - f0) * (1.0 - r.metal);
 }
 
 // Normalised distribution of microfacets over their visibility: GGX (Walter et al., "Microfacet models for refraction
@@ -28,9 +55,9 @@ fn microfacets(roughness: f32, normal_half: f32, normal_light: f32, normal_eye: 
     return distribution * 0.5 / max(masked + shadowed, 1e-6);
 }
 
-// Reflectance at a cosine of one that is `f0` straight on (Schlick, "An inexpensive BRDF model", 1994).
-fn fresnel(f0: vec3<f32>, cosine: f32) -> vec3<f32> {
-    return f0 + (1.0 - f0) * pow(clamp(1.0 - cosine, 0.0, 1.0), 5.0);
+// Share of the way from `f0` to `f90` at a cosine (Schlick, "An inexpensive BRDF model", 1994).
+fn rise(cosine: f32) -> f32 {
+    return pow(clamp(1.0 - cosine, 0.0, 1.0), 5.0);
 }
 
 // Radiance towards the eye from light out of one direction, `light` as irradiance over π on what faces it.
@@ -42,9 +69,11 @@ fn from_light(r: Reflector, to_light: vec3<f32>, light: vec3<f32>) -> vec3<f32> 
     let half_way = normalize(r.to_eye + to_light);
     let normal_eye = max(dot(r.normal, r.to_eye), 1e-3);
     let normal_half = clamp(dot(r.normal, half_way), 0.0, 1.0);
-    let f0 = mix(vec3(DIELECTRIC), r.albedo, r.metal);
-    let reflectance = fresnel(f0, dot(r.to_eye, half_way));
-    let base = (1.0 - reflectance) * r.albedo * (1.0 - r.metal);
+    let specular = mixed_specular(r);
+    let risen = rise(dot(r.to_eye, half_way));
+    let reflectance = specular.f0 + (specular.f90 - specular.f0) * risen;
+    let taken = reflectance + tint_excess(r) * (1.0 - risen);
+    let base = (1.0 - taken) * r.albedo * (1.0 - r.metal);
     let layer = reflectance * PI * microfacets(r.roughness, normal_half, normal_light, normal_eye);
     return light * normal_light * (base + layer);
 }
@@ -59,10 +88,10 @@ fn mirror_open(open: f32, normal_eye: f32, roughness: f32) -> f32 {
 // "Real shading in Unreal Engine 4", 2013).
 fn from_sky(r: Reflector) -> vec3<f32> {
     let normal_eye = clamp(dot(r.normal, r.to_eye), 1e-3, 1.0);
-    let f0 = mix(vec3(DIELECTRIC), r.albedo, r.metal);
+    let specular = mixed_specular(r);
     let share = environment_brdf(normal_eye, r.roughness);
-    let mirrored = f0 * share.x + share.y;
-    let base = (1.0 - mirrored) * r.albedo * (1.0 - r.metal);
+    let mirrored = specular.f0 * share.x + specular.f90 * share.y;
+    let base = (1.0 - mirrored - tint_excess(r) * share.x) * r.albedo * (1.0 - r.metal);
     let seen = reflected(reflect(-r.to_eye, r.normal), r.roughness);
     return base * ambient(r.normal) * r.open + mirrored * seen * mirror_open(r.open, normal_eye, r.roughness);
 }

@@ -16,7 +16,11 @@ fn fs_transparent(s: Surface, @builtin(front_facing) front: bool) -> @location(0
     if (cosine > 0.0) {
         sun = frame.sun.rgb * sunlight_at(s.position, surface.normal, cosine).x;
     }
-    let r = Reflector(surface.albedo, surface.metal, surface.roughness, surface.normal, to_eye, surface.occlusion);
+    var specular = USUAL_SPECULAR;
+    if (SPECULAR) {
+        specular = specular_of(material.specular);
+    }
+    let r = Reflector(surface.albedo, surface.metal, surface.roughness, surface.normal, to_eye, surface.occlusion, specular);
     let texel = emitted(s.uv);
     let given = select(vec3(0.0), material.emission * texel, (frame.flags & 2u) != 0u);
     let punctual_lights = from_punctual_lights(r, s.position, vec2<u32>(s.clip.xy), view_depth(s.clip.z));

@@ -1,11 +1,12 @@
 // Writes the G-buffer: depth, world normal, roughness, occlusion, albedo and metalness.
 
-// Compiled in only for materials with a height map, a normal or surface map, alpha test, or maps with tiled levels, and with
-// section planes.
+// Compiled in only for materials with a height map, a normal or surface map, alpha test, maps with tiled levels, or
+// specular reflection of their own, and with section planes.
 override RELIEF: bool = false;
 override MAPS: bool = false;
 override MASK: bool = false;
 override TILED: bool = false;
+override SPECULAR: bool = false;
 override SECTIONS: bool = false;
 
 // A map with tiled levels (tiled.wgsl).
@@ -28,6 +29,7 @@ struct Material {
     unlit: u32,
     flat_faces: u32,
     wrap: u32, // of u, and of v from bit 8 on: 0 repeat, 1 clamp, 2 mirror
+    specular: u32, // see specular_of() in brdf.wgsl
     tiled: array<TiledMap, 4>, // colour, surface, normal, emission
 }
 
@@ -232,6 +234,12 @@ fn fs_deep_surface(s: Surface, @builtin(front_facing) front: bool) -> DeepGBuffe
     let stored = g_buffer(surface.normal, surface.roughness, surface.occlusion, surface.albedo, surface.metal, material.unlit == 1u);
     let ahead = -(frame.view_from_world * vec4(surface.at, 0.0)).z;
     return DeepGBuffer(stored.normal, stored.albedo, clamp(frame.near / max(ahead, frame.near), 0.0, 1.0));
+}
+
+// Specular reflection that is not the usual.
+@fragment
+fn fs_specular() -> @location(0) u32 {
+    return material.specular;
 }
 
 // Emission over the lit picture.

@@ -25,7 +25,8 @@ fn fs_lighting(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     if (is_unlit(stored)) {
         return vec4(albedo.rgb, 1.0);
     }
-    var surface = Reflector(albedo.rgb, albedo.a, stored.z, from_octahedral(stored.xy), -ray, abs(stored.w));
+    let normal = from_octahedral(stored.xy);
+    var surface = Reflector(albedo.rgb, albedo.a, stored.z, normal, -ray, abs(stored.w), specular_at(pixel));
     if (OCCLUSION) {
         surface.open *= textureLoad(occlusion_map, pixel, 0).x;
     }

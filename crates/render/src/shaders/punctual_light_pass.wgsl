@@ -16,7 +16,8 @@ fn fs_punctual_lights(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32
     let ray = view_ray(pixel);
     let position = (transpose(frame.view_from_world) * vec4(ray * depth, 0.0)).xyz;
     let distance = depth * length(ray);
-    let r = Reflector(albedo.rgb, albedo.a, stored.z, from_octahedral(stored.xy), -position / distance, 1.0);
+    let normal = from_octahedral(stored.xy);
+    let r = Reflector(albedo.rgb, albedo.a, stored.z, normal, -position / distance, 1.0, specular_at(pixel));
     // Only the extinction by haze: its in-scattered light was added before.
     let left = exp(-min(max(frame.sky_side.w, 0.0) * distance, 80.0));
     return vec4(min(from_punctual_lights(r, position, vec2<u32>(pixel), depth) * left, vec3(MAX_RADIANCE)), 0.0);

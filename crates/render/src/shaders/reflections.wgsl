@@ -32,7 +32,9 @@ fn fs_reflections(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     // As from_sky() of brdf.wgsl weighs what it mirrors.
     let cosine = clamp(dot(view_normal, to_eye), 1e-3, 1.0);
     let split = environment_brdf(cosine, roughness);
-    let mirrored = mix(vec3(DIELECTRIC), albedo.rgb, albedo.a) * split.x + split.y;
+    let surface = Reflector(albedo.rgb, albedo.a, roughness, normal, to_eye, 1.0, specular_at(pixel));
+    let specular = mixed_specular(surface);
+    let mirrored = specular.f0 * split.x + specular.f90 * split.y;
     var open = stored.w;
     if (OCCLUSION) {
         open *= textureLoad(occlusion_map, pixel, 0).x;

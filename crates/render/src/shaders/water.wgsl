@@ -93,7 +93,7 @@ fn fs_water_added(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
         sun = frame.sun.rgb * sunlight_at(s.position, vec3(0.0, 1.0, 0.0), height).x;
     }
     // As metals of this reflectance do: nothing of it goes into a base.
-    let mirror = Reflector(vec3(WATER), 1.0, s.roughness, s.normal, s.to_eye, 1.0);
+    let mirror = Reflector(vec3(WATER), 1.0, s.roughness, s.normal, s.to_eye, 1.0, USUAL_SPECULAR);
     // Ripples may point what they mirror below the horizon, where other ripples are.
     let away = reflect(-s.to_eye, s.normal);
     let up = vec3(away.x, abs(away.y), away.z);

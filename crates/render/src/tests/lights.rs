@@ -6,7 +6,7 @@ use half::f16;
 use super::shapes::{Mesh, asset, at, quad, sphere};
 use super::{headless, keep};
 use crate::cpu_reference;
-use crate::cpu_reference::brdf::{Reflector, from_octahedral};
+use crate::cpu_reference::brdf::{Reflector, Specular, from_octahedral};
 use crate::cpu_reference::depth::view_ray;
 use crate::frame::graph::Resource;
 use crate::{
@@ -126,6 +126,7 @@ fn brute_force(h: &Headless, lights: &[PunctualLight]) -> Vec<[f64; 3]> {
             roughness: stored[2],
             normal: from_octahedral([stored[0], stored[1]]),
             to_eye: (-position.normalize()).to_array(),
+            specular: Specular::USUAL,
         };
         for light in lights {
             let punctual_light = reference(light, pose.eye + position);
@@ -387,6 +388,7 @@ fn transparent_surfaces_are_lit_as_their_cpu_reference() {
             roughness: 0.6,
             normal: [0.0, 0.0, 1.0],
             to_eye: (-position.normalize()).to_array(),
+            specular: Specular::USUAL,
         };
         let mut want = [0.0; 3];
         for light in &lights {

@@ -5,7 +5,7 @@ use half::f16;
 
 use super::shapes::{Mesh, asset, at, fill, join, opaque, quad, sphere};
 use super::{headless, keep};
-use crate::cpu_reference::brdf::{Reflector, from_octahedral, from_sky};
+use crate::cpu_reference::brdf::{Reflector, Specular, from_octahedral, from_sky};
 use crate::cpu_reference::depth::view_ray;
 use crate::frame::graph::Resource;
 use crate::{
@@ -14,39 +14,39 @@ use crate::{
 };
 
 /// A target in 16-bit floating point, four numbers per pixel.
-fn halves(h: &Headless, resource: Resource) -> Vec<[f64; 4]> {
+pub(super) fn halves(h: &Headless, resource: Resource) -> Vec<[f64; 4]> {
     let stored: Vec<f16> = bytemuck::pod_collect_to_vec(&h.intermediate(resource, 8).unwrap());
     stored.chunks(4).map(|texel| [0, 1, 2, 3].map(|c| texel[c].to_f64())).collect()
 }
 
 /// The value in the middle of a picture.
-fn middle(h: &Headless, resource: Resource) -> [f64; 4] {
+pub(super) fn middle(h: &Headless, resource: Resource) -> [f64; 4] {
     let (width, height) = h.size();
     halves(h, resource)[(height / 2 * width + width / 2) as usize]
 }
 
 /// A sun and an even sky.
-fn of_light(sun: f32, radiance: f32) -> Environment {
+pub(super) fn of_light(sun: f32, radiance: f32) -> Environment {
     let all = Vec3::splat(radiance);
     let plain = GradientSky { sun: Vec3::splat(sun), zenith: all, horizon: all, ground: all };
     Environment { sky: Sky::Plain(plain), ..Environment::default() }
 }
 
-fn sky_alone(radiance: f32) -> Environment {
+pub(super) fn sky_alone(radiance: f32) -> Environment {
     of_light(0.0, radiance)
 }
 
 /// Materials only, without effects that darken light.
-fn bare() -> Settings {
+pub(super) fn bare() -> Settings {
     Settings { occlusion: None, shadows: None, anti_aliasing: AntiAliasing::None, ..Settings::default() }
 }
 
-fn front() -> Pose {
+pub(super) fn front() -> Pose {
     Pose::look_at(DVec3::new(0.0, 0.0, 2.0), DVec3::ZERO, DVec3::Y, 0.6)
 }
 
 /// A square from -1 to 1 that faces +z at a depth.
-fn square(z: f32) -> Mesh {
+pub(super) fn square(z: f32) -> Mesh {
     quad([-1.0, -1.0, z], [2.0, 0.0, 0.0], [0.0, 2.0, 0.0], 1.0)
 }
 
@@ -76,14 +76,14 @@ fn draw<'a>(h: &mut Headless, drawables: &'a [Drawable<'a>], environment: Enviro
     h.frame(&frame).unwrap().passes
 }
 
-fn close(got: [f64; 4], want: [f64; 3], tolerance: f64) {
+pub(super) fn close(got: [f64; 4], want: [f64; 3], tolerance: f64) {
     for c in 0..3 {
         assert!((got[c] - want[c]).abs() <= tolerance, "{got:?} {want:?}");
     }
 }
 
 /// RMS difference of a sphere's radiance from the integral, relative to the mean.
-fn sphere_rms(
+pub(super) fn sphere_rms(
     h: &mut Headless,
     material: Material,
     environment: Environment,
@@ -111,7 +111,8 @@ fn sphere_rms(
         let [albedo @ .., _] = material.base_color.map(f64::from);
         let to_eye = (-ray).to_array();
         let (metal, roughness) = (f64::from(material.metallic), f64::from(material.roughness));
-        let reflector = Reflector { albedo, metal, roughness, normal, to_eye };
+        let specular = Specular::of_bytes(material.specular.bytes());
+        let reflector = Reflector { albedo, metal, roughness, normal, to_eye, specular };
         let from_sun = reflector.from_light(to_sun, sun);
         let from_sky = from_sky(&reflector, 32, |direction| sky(direction.into()));
         for c in 0..3 {

@@ -40,6 +40,7 @@ mod scene_parts;
 mod section;
 mod shadows;
 mod shapes;
+mod specular;
 mod spheres;
 #[cfg(feature = "client")]
 mod staged;

@@ -7,7 +7,7 @@ use lodestream_geometry::random::Random;
 
 use super::shapes::{asset, sphere};
 use super::{headless, keep};
-use crate::cpu_reference::brdf::Reflector;
+use crate::cpu_reference::brdf::{Reflector, Specular};
 use crate::cpu_reference::depth::view_ray;
 use crate::cpu_reference::sky::Octahedral;
 use crate::frame::graph::Resource;
@@ -73,6 +73,7 @@ impl Traced<'_> {
                 roughness: f64::from(self.material.roughness),
                 normal: normal.to_array(),
                 to_eye: (-ray).to_array(),
+                specular: Specular::USUAL,
             };
             let [u, turn, lobe, disc, disc_turn] =
                 if bounce == 0 { draws } else { std::array::from_fn(|_| random.unit()) };

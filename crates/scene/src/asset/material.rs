@@ -1,5 +1,7 @@
 //! Materials: metallic–roughness as in glTF 2.0 (§3.9), with emission, alpha mode and maps.
 
+use super::shares::{from_u8, to_u8, to_u16};
+use super::specular::Specular;
 use crate::encoding::{CodingError, Decode, Encode, Reader, Writer};
 
 /// Largest emission of a material, in the scene's units of light.
@@ -22,6 +24,8 @@ pub struct Material {
     /// Metalness: 0 is a dielectric, 1 a metal of the base colour. In 0..=1, kept in steps of 1/255;
     /// multiplies the surface texture's blue.
     pub metallic: f32,
+    /// What it reflects as a dielectric.
+    pub specular: Specular,
     /// Emitted light, linear RGB, each in 0..=[`MAX_EMISSION`]. Multiplies the emission
     /// texture, if any.
     pub emission: [f32; 3],
@@ -81,6 +85,7 @@ impl Default for Material {
             base_color: [0.8, 0.8, 0.8, 1.0],
             roughness: 0.8,
             metallic: 0.0,
+            specular: Specular::default(),
             emission: [0.0; 3],
             alpha: Alpha::Opaque,
             unlit: false,
@@ -117,20 +122,6 @@ impl Material {
     }
 }
 
-#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped to the range first")]
-fn to_u16(x: f32) -> u16 {
-    (x.clamp(0.0, 1.0) * 65_535.0).round() as u16
-}
-
-#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped to the range first")]
-fn to_u8(x: f32) -> u8 {
-    (x.clamp(0.0, 1.0) * 255.0).round() as u8
-}
-
-fn from_u8(x: u8) -> f32 {
-    f32::from(x) / 255.0
-}
-
 /// Bits of the first byte: optional fields that are present.
 mod has {
     pub(super) const COLOR: u8 = 1;
@@ -148,11 +139,19 @@ mod has {
 mod more {
     pub(super) const MASK: u8 = 1;
     pub(super) const BLEND: u8 = 2;
+    /// In place of both: a third byte follows, which begins with them.
+    pub(super) const THIRD: u8 = 3;
     pub(super) const UNLIT: u8 = 4;
     /// Two bits each: 0 repeat, 1 clamp, 2 mirror.
     pub(super) const WRAP_U: u8 = 8;
     pub(super) const WRAP_V: u8 = 32;
     pub(super) const FLAT: u8 = 128;
+}
+
+/// Bits of the third byte, after [`more::MASK`] and [`more::BLEND`].
+mod third {
+    pub(super) const SPECULAR: u8 = 4;
+    pub(super) const ALL: u8 = 7;
 }
 
 fn wrap_bits(wrap: Wrap) -> u8 {
@@ -173,12 +172,23 @@ fn wrap_of(bits: u8) -> Result<Wrap, CodingError> {
 }
 
 impl Material {
-    fn second_byte(&self) -> u8 {
-        let alpha = match self.alpha {
+    fn alpha_bits(&self) -> u8 {
+        match self.alpha {
             Alpha::Opaque => 0,
             Alpha::Mask(_) => more::MASK,
             Alpha::Blend => more::BLEND,
-        };
+        }
+    }
+
+    /// `None` without any field that it tells of.
+    fn third_byte(&self) -> Option<u8> {
+        let present = [(third::SPECULAR, !self.specular.is_usual())];
+        let present: u8 = present.iter().map(|&(bit, is)| if is { bit } else { 0 }).sum();
+        (present > 0).then(|| present | self.alpha_bits())
+    }
+
+    fn second_byte(&self) -> u8 {
+        let alpha = if self.third_byte().is_some() { more::THIRD } else { self.alpha_bits() };
         let [u, v] = self.wrap.map(wrap_bits);
         let unlit = if self.unlit { more::UNLIT } else { 0 };
         let flat = if self.flat { more::FLAT } else { 0 };
@@ -235,8 +245,14 @@ impl Encode for Material {
         }
         if self.second_byte() != 0 {
             self.second_byte().encode(writer)?;
+            if let Some(third) = self.third_byte() {
+                third.encode(writer)?;
+            }
             if let Alpha::Mask(cutoff) = self.alpha {
                 to_u8(cutoff).encode(writer)?;
+            }
+            if !self.specular.is_usual() {
+                self.specular.encode(writer)?;
             }
         }
         Ok(())
@@ -277,16 +293,24 @@ impl Decode for Material {
         }
         if is(has::MORE) {
             let second = u8::decode(reader)?;
-            if second & (more::MASK | more::BLEND) == more::MASK | more::BLEND {
+            let has_third = second & more::THIRD == more::THIRD;
+            let third = if has_third { u8::decode(reader)? } else { second & more::THIRD };
+            if third & more::THIRD == more::THIRD || has_third && third & !third::ALL != 0 {
                 return Err(CodingError::value("unknown material flags"));
             }
             this.unlit = second & more::UNLIT != 0;
             this.flat = second & more::FLAT != 0;
             this.wrap = [wrap_of(second / more::WRAP_U)?, wrap_of(second / more::WRAP_V)?];
-            if second & more::MASK != 0 {
+            if third & more::MASK != 0 {
                 this.alpha = Alpha::Mask(from_u8(u8::decode(reader)?));
-            } else if second & more::BLEND != 0 {
+            } else if third & more::BLEND != 0 {
                 this.alpha = Alpha::Blend;
+            }
+            if third & third::SPECULAR != 0 {
+                this.specular = Specular::decode(reader)?;
+            }
+            if this.third_byte() != has_third.then_some(third) {
+                return Err(CodingError::value("a material flags what it has not"));
             }
         }
         if this.first_byte() != flags {

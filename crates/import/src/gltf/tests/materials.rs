@@ -7,7 +7,7 @@ use super::Model;
 use crate::{Channel, Component, Imported, ImportedMaterial, MaterialMaps, SurfaceMap};
 
 /// A quad with texture coordinates, and a texture for each image `0.png` to `5.png` beside it.
-fn textured(material: Value) -> Model {
+pub(super) fn textured(material: Value) -> Model {
     let mut model = Model::quad();
     let uvs = model.floats("VEC2", 2, &[0., 0., 1., 0., 1., 1., 0., 1.]);
     model.attribute("TEXCOORD_0", uvs);
@@ -18,7 +18,7 @@ fn textured(material: Value) -> Model {
     model
 }
 
-fn read(model: &Model) -> (ImportedMaterial, Vec<String>) {
+pub(super) fn read(model: &Model) -> (ImportedMaterial, Vec<String>) {
     let Imported { materials, warnings, .. } = model.read().unwrap();
     (materials[0].clone(), warnings)
 }
@@ -343,7 +343,9 @@ fn no_file_is_refused_for_its_materials() {
         model.json["extensionsUsed"] = json!([name]);
         model.json["extensionsRequired"] = json!([name]);
         let (_, warnings) = read(&model);
-        let understood = ["unlit", "emissive_strength", "punctual"].iter().any(|end| name.ends_with(end));
+        let understood = ["unlit", "emissive_strength", "ior", "specular", "punctual"]
+            .iter()
+            .any(|end| name.ends_with(end));
         assert_eq!(warnings.iter().any(|w| w.contains(name)), !understood, "{name}: {warnings:?}");
     }
 }
@@ -395,20 +397,4 @@ fn transmission_becomes_transparency_and_glossiness_inverse_roughness() {
         "extensions": {"KHR_materials_pbrSpecularGlossiness": {"diffuseFactor": [0, 0, 1, 1]}},
     })));
     assert_eq!((both.0.material.base_color, both.0.material.metallic), ([1.0; 4], 0.5));
-}
-
-#[test]
-fn extensions_of_materials_that_are_left_out_are_named_once_with_the_number_of_materials() {
-    let mut model = Model::quad();
-    let layers =
-        json!({"KHR_materials_clearcoat": {"clearcoatFactor": 1}, "KHR_materials_ior": {"ior": 1.3}});
-    let glass = json!({"KHR_materials_transmission": {"transmissionFactor": 1}, "KHR_materials_ior": {"ior": 1.5},
-        "KHR_materials_volume": {}, "KHR_materials_unlit": {}, "FB_of_its_own": {}});
-    model.json["materials"] = json!([{"extensions": layers}, {"extensions": layers}, {"extensions": glass}]);
-    // Listed or not.
-    model.json["extensionsUsed"] = json!(["KHR_materials_ior", "KHR_materials_transmission"]);
-    let [warning] = &model.read().unwrap().warnings[..] else { panic!() };
-    let expected = "ignored: extension KHR_materials_clearcoat (2), extension KHR_materials_ior (3), extension \
-                    KHR_materials_transmission drawn as opacity unless it has a texture, extension KHR_materials_volume";
-    assert!(warning.ends_with(expected), "{warning}");
 }

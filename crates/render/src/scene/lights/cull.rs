@@ -12,16 +12,25 @@ use crate::resources::gpu::{Gpu, RenderError};
 
 const CULL: &str = wgsl!("common", "punctual_light", "cull_lights");
 
-const LIGHT: &str = wgsl!(
-    "common",
-    "fullscreen",
-    "targets",
-    "sky",
-    "brdf",
-    "punctual_light",
-    "lights",
-    "punctual_light_pass"
-);
+macro_rules! light {
+    ($specular:literal) => {
+        wgsl!(
+            "common",
+            "fullscreen",
+            "targets",
+            "sky",
+            "brdf",
+            $specular,
+            "punctual_light",
+            "lights",
+            "punctual_light_pass"
+        )
+    };
+}
+
+const LIGHT: &str = light!("usual_specular");
+/// With materials that set the specular reflection of dielectrics.
+const SPECULAR_LIGHT: &str = light!("specular");
 
 /// Binding of the light list.
 const LIST: u32 = 7;
@@ -37,6 +46,7 @@ pub(crate) struct PunctualLightPass {
     tiles: [u32; 2],
     cull: OnceLock<wgpu::ComputePipeline>,
     light: OnceLock<[wgpu::RenderPipeline; 2]>,
+    specular_light: OnceLock<wgpu::RenderPipeline>,
 }
 
 impl PunctualLightPass {
@@ -61,6 +71,7 @@ impl PunctualLightPass {
             tiles: [0; 2],
             cull: OnceLock::new(),
             light: OnceLock::new(),
+            specular_light: OnceLock::new(),
         }
     }
 
@@ -120,23 +131,35 @@ impl PunctualLightPass {
         pass.dispatch_workgroups(self.tiles[0], self.tiles[1], 1);
     }
 
-    /// Adds the lights to the picture, or shows their number per pixel. `surfaces` are depth, normal and albedo.
+    /// Adds the lights to the picture, or shows their number per pixel. `surfaces` are depth, normal and albedo, and the
+    /// specular reflection of dielectrics if a material sets it.
     pub(crate) fn light(
         &self,
         gpu: &Gpu,
         pass: &mut wgpu::RenderPass<'_>,
         frame: &wgpu::Buffer,
-        surfaces: &[wgpu::TextureView; 3],
+        (surfaces, specular): (&[wgpu::TextureView; 3], Option<&wgpu::TextureView>),
         counted: bool,
     ) {
-        let pipelines = self.light.get_or_init(|| {
-            let module = shader(gpu, "punctual_lights", LIGHT);
-            [("fs_punctual_lights", Some(ADD)), ("fs_punctual_lights_left", None)].map(|(entry, blend)| {
-                let target = wgpu::ColorTargetState { blend, ..RADIANCE.into() };
-                fullscreen_pipeline(gpu, &module, entry, target, &[])
-            })
-        });
-        let pipeline = &pipelines[usize::from(counted)];
+        let compile = |module: &_, entry, blend| {
+            let target = wgpu::ColorTargetState { blend, ..RADIANCE.into() };
+            fullscreen_pipeline(gpu, module, entry, target, &[])
+        };
+        let specular = specular.filter(|_| !counted);
+        let pipeline = match specular {
+            Some(_) => self.specular_light.get_or_init(|| {
+                let module = shader(gpu, "punctual_lights", SPECULAR_LIGHT);
+                compile(&module, "fs_punctual_lights", Some(ADD))
+            }),
+            None => {
+                let pipelines = self.light.get_or_init(|| {
+                    let module = shader(gpu, "punctual_lights", LIGHT);
+                    [("fs_punctual_lights", Some(ADD)), ("fs_punctual_lights_left", None)]
+                        .map(|(entry, blend)| compile(&module, entry, blend))
+                });
+                &pipelines[usize::from(counted)]
+            }
+        };
         let Some(punctual_lights) = self.bindings() else { return };
         let read = if counted { 1 } else { 3 };
         let textures = surfaces.iter().zip(1..).take(read).map(|(view, binding)| wgpu::BindGroupEntry {
@@ -145,11 +168,19 @@ impl PunctualLightPass {
         });
         // Counting reads no light.
         let punctual_lights = punctual_lights.into_iter().filter(|entry| !counted || entry.binding != LIST);
+        let specular = specular.map(|view| wgpu::BindGroupEntry {
+            binding: 14,
+            resource: wgpu::BindingResource::TextureView(view),
+        });
         let frame = wgpu::BindGroupEntry { binding: 0, resource: frame.as_entire_binding() };
         let group = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
             label: Some("punctual_lights"),
             layout: &pipeline.get_bind_group_layout(0),
-            entries: &std::iter::once(frame).chain(textures).chain(punctual_lights).collect::<Vec<_>>(),
+            entries: &std::iter::once(frame)
+                .chain(textures)
+                .chain(specular)
+                .chain(punctual_lights)
+                .collect::<Vec<_>>(),
         });
         pass.set_pipeline(pipeline);
         pass.set_bind_group(0, &group, &[]);

@@ -6,7 +6,7 @@
 use glam::DVec3;
 use image::{Rgba, RgbaImage};
 use lodestream_geometry::mesh::distance::TriangleBvh;
-use lodestream_render::cpu_reference::brdf::{DIELECTRIC, Reflector, from_sky};
+use lodestream_render::cpu_reference::brdf::{DIELECTRIC, Reflector, Specular, from_sky};
 use lodestream_render::cpu_reference::tone;
 use lodestream_render::{Environment, GradientSky, Sky};
 use lodestream_scene::view::View;
@@ -79,7 +79,14 @@ impl<'a> Traced<'a> {
         let mirror = |cosine: f64, f0: f64| {
             let to_eye = [(1.0 - cosine * cosine).sqrt(), 0.0, cosine];
             let normal = [0.0, 0.0, 1.0];
-            let r = Reflector { albedo: [f0; 3], metal: 1.0, roughness: ROUGHNESS, normal, to_eye };
+            let r = Reflector {
+                albedo: [f0; 3],
+                metal: 1.0,
+                roughness: ROUGHNESS,
+                normal,
+                to_eye,
+                specular: Specular::USUAL,
+            };
             from_sky(&r, 48, |_| [1.0; 3])[0]
         };
         let cosines = (0..=COSINES).map(|i| (i as f64 / COSINES as f64).max(1e-3));
@@ -155,6 +162,7 @@ impl<'a> Traced<'a> {
             roughness: ROUGHNESS,
             normal: place.normal.to_array(),
             to_eye: (-ray).to_array(),
+            specular: Specular::USUAL,
         };
         let to_sun = DVec3::from(TO_SUN).normalize();
         let from = at + DVec3::Z * LIFT;

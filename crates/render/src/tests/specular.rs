@@ -1,0 +1,105 @@
+//! Specular reflection of dielectrics, against its integral.
+
+use glam::DVec3;
+
+use super::headless;
+use super::materials::{bare, close, front, middle, of_light, sky_alone, sphere_rms, square};
+use super::shapes::{asset, at, cube, quad};
+use crate::frame::graph::Resource;
+use crate::{
+    Alpha, Drawable, Environment, Frame, Headless, Material, PassId, Placement, PunctualLight, Reflections,
+    Settings, Specular,
+};
+
+fn of(f0: [f32; 3], f90: f32) -> Material {
+    let specular = Specular { f0, f90 };
+    Material { base_color: [0.2, 0.5, 0.8, 1.0], roughness: 0.3, specular, ..Material::default() }
+}
+
+/// A diamond, a tinted and a weak reflection, and none.
+fn all() -> [Material; 4] {
+    [of([0.17; 3], 1.0), of([0.5, 0.2, 0.02], 1.0), of([0.02; 3], 0.5), of([0.0; 3], 0.0)]
+}
+
+#[test]
+fn spheres_reflect_as_their_specular_factors_say() {
+    let Some(mut h) = headless(32, 32) else { return };
+    for material in all() {
+        for metallic in [0.0, 0.5] {
+            let material = Material { metallic, ..material.clone() };
+            let by_sun = sphere_rms(&mut h, material.clone(), of_light(1.0, 0.0), |_| [0.0; 3]);
+            let by_sky = sphere_rms(&mut h, material.clone(), sky_alone(0.5), |_| [0.5; 3]);
+            println!("{:?} {metallic} | {by_sun:.4} {by_sky:.4}", material.specular);
+            assert!(by_sun < 0.05 && by_sky < 0.1, "{:?} {metallic}: {by_sun} {by_sky}", material.specular);
+        }
+    }
+}
+
+fn draw(h: &mut Headless, drawables: &[Drawable<'_>], environment: Environment) -> Vec<PassId> {
+    let light = PunctualLight { position: [0.5, 0.5, 2.0], intensity: [2.0; 3], range: 50.0, spot: None };
+    let frame = Frame { environment, settings: bare(), lights: &[light], ..Frame::new(front(), drawables) };
+    h.frame(&frame).unwrap().passes
+}
+
+#[test]
+fn the_target_holds_the_factors_where_they_are_seen_and_the_usual_ones_elsewhere() {
+    let Some(mut h) = headless(16, 16) else { return };
+    let here = [Placement::default()];
+    let [diamond, ..] = all();
+    let wall = asset(&h, &square(0.0), diamond.clone());
+    // Before its left half.
+    let plain =
+        asset(&h, &quad([-1.0, -1.0, 0.1], [1.0, 0.0, 0.0], [0.0, 2.0, 0.0], 1.0), Material::default());
+    let both = [&wall, &plain].map(|asset| Drawable { asset, instances: &here });
+    let passes = draw(&mut h, &both, of_light(0.5, 0.5));
+    assert!(passes.contains(&PassId::Specular));
+    let stored = h.intermediate(Resource::Specular, 4).unwrap();
+    let at = |x: usize| <[u8; 4]>::try_from(&stored[4 * (8 * 16 + x)..][..4]).unwrap();
+    assert_eq!((at(4), at(12)), (Specular::default().bytes(), diamond.specular.bytes()));
+    // The usual reflection is the same with and without the target.
+    let left = |h: &Headless| super::materials::halves(h, Resource::Radiance)[8 * 16 + 4];
+    let beside = left(&h);
+    assert!(!draw(&mut h, &both[1..], of_light(0.5, 0.5)).contains(&PassId::Specular));
+    let [r, g, b, _] = beside;
+    close(left(&h), [r, g, b], 1e-3);
+}
+
+#[test]
+fn transparent_surfaces_and_reflected_ones_use_the_same_factors() {
+    let Some(mut h) = headless(16, 16) else { return };
+    let here = [Placement::default()];
+    let environment = Environment { to_sun: DVec3::new(0.1, 0.2, 1.0), ..of_light(0.8, 0.4) };
+    for material in all() {
+        let shown = [Alpha::Opaque, Alpha::Blend].map(|alpha| {
+            let wall = asset(&h, &square(0.0), Material { alpha, ..material.clone() });
+            draw(&mut h, &[Drawable { asset: &wall, instances: &here }], environment);
+            middle(&h, Resource::Radiance)
+        });
+        let usual = asset(&h, &square(0.0), Material { specular: Specular::default(), ..material.clone() });
+        draw(&mut h, &[Drawable { asset: &usual, instances: &here }], environment);
+        let [opaque, seen_through] = shown;
+        // Eight bits of the opaque one's albedo.
+        close(seen_through, [opaque[0], opaque[1], opaque[2]], 0.01);
+        let usual = middle(&h, Resource::Radiance);
+        assert!((0..3).any(|c| (usual[c] - opaque[c]).abs() > 0.03), "{opaque:?} {usual:?}");
+    }
+    // A block on a smooth floor: the floor's reflection of it grows with its reflectance.
+    let block = asset(&h, &cube(), Material { base_color: [0.9, 0.1, 0.1, 1.0], ..Material::default() });
+    let mirrored = [0.04_f32, 0.16].map(|f0| {
+        let dark = Material { base_color: [0.0, 0.0, 0.0, 1.0], roughness: 0.05, ..of([f0; 3], 1.0) };
+        let floor = asset(&h, &quad([-4.0, 0.0, 4.0], [8.0, 0.0, 0.0], [0.0, 0.0, -8.0], 1.0), dark);
+        let block_at = [at(0.0, 0.6, -1.0, 1.0)];
+        let drawables =
+            [Drawable { asset: &floor, instances: &here }, Drawable { asset: &block, instances: &block_at }];
+        let camera =
+            crate::Pose::look_at(DVec3::new(0.0, 1.5, 2.0), DVec3::new(0.0, 0.0, 0.0), DVec3::Y, 0.3);
+        let [without, with] = [None, Some(Reflections::default())].map(|reflections| {
+            let settings = Settings { reflections, ..bare() };
+            let environment = of_light(0.8, 0.0);
+            h.frame(&Frame { environment, settings, ..Frame::new(camera, &drawables) }).unwrap();
+            middle(&h, Resource::Radiance)[0]
+        });
+        with - without
+    });
+    assert!(mirrored[0] > 0.0 && mirrored[1] > 2.0 * mirrored[0], "{mirrored:?}");
+}
