@@ -47,7 +47,7 @@ pub use frame::settings::{
 };
 pub use frame::target::{Load, Target};
 pub use frame::timing::{PassTime, Timings};
-pub use lodestream_scene::asset::{Alpha, Material, Specular, TextureKind, Wrap};
+pub use lodestream_scene::asset::{Alpha, ClearCoat, Material, Specular, TextureKind, Wrap};
 pub use lodestream_scene::placement::Placement;
 pub use lodestream_scene::pose::Pose;
 pub use lodestream_scene::punctual_lights::{PunctualLight, Spot};

@@ -533,9 +533,9 @@ fn material(material: &Material) -> Value {
     if let Some(texture) = material.emission_texture {
         value["emission_texture"] = json!(texture);
     }
-    let Material { alpha, unlit, flat, wrap, specular, .. } = material;
-    let is_usual = specular.is_usual();
-    if (*alpha, *unlit, *flat, *wrap) != (Alpha::Opaque, false, false, [Wrap::Repeat; 2]) || !is_usual {
+    let Material { alpha, unlit, flat, wrap, specular, clear_coat, .. } = material;
+    let has_third = !specular.is_usual() || !clear_coat.is_none();
+    if (*alpha, *unlit, *flat, *wrap) != (Alpha::Opaque, false, false, [Wrap::Repeat; 2]) || has_third {
         let wrap = |wrap| match wrap {
             Wrap::Repeat => "repeat",
             Wrap::Clamp => "clamp",
@@ -552,8 +552,12 @@ fn material(material: &Material) -> Value {
         if let Alpha::Mask(cutoff) = material.alpha {
             value["cutoff"] = json!((cutoff * 255.0).round() as u8);
         }
-        if !is_usual {
+        if !specular.is_usual() {
             value["specular"] = json!(specular.bytes());
+        }
+        if !clear_coat.is_none() {
+            let both = [clear_coat.factor, clear_coat.roughness];
+            value["clear_coat"] = json!(both.map(|share| (share * 255.0).round() as u8));
         }
     }
     value

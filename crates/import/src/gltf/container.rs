@@ -12,14 +12,16 @@ use glam::DMat4;
 use gltf::json;
 
 use super::pose;
-use super::root::{COMPRESSED_VIEWS, DRACO, IOR, Root, SPECULAR, TEXTURE_AVIF, TEXTURE_BASISU, TEXTURE_WEBP};
+use super::root::{
+    CLEAR_COAT, COMPRESSED_VIEWS, DRACO, IOR, Root, SPECULAR, TEXTURE_AVIF, TEXTURE_BASISU, TEXTURE_WEBP,
+};
 use crate::beside::Beside;
 use crate::content::{Content, OpenFile};
 use crate::error::ImportError;
 use crate::file::{MAX_FILE_BYTES, read_file};
 
 /// Extensions that a file may require, besides [`COMPRESSED_VIEWS`] and, with the feature `draco`, [`DRACO`].
-const SUPPORTED: [&str; 11] = [
+const SUPPORTED: [&str; 12] = [
     "EXT_mesh_gpu_instancing",
     TEXTURE_AVIF,
     TEXTURE_WEBP,
@@ -31,6 +33,7 @@ const SUPPORTED: [&str; 11] = [
     "KHR_materials_emissive_strength",
     IOR,
     SPECULAR,
+    CLEAR_COAT,
 ];
 
 fn supported(name: &str) -> bool {

@@ -9,7 +9,7 @@ use lodestream_scene::asset::{Alpha, MAX_EMISSION, MAX_NORMAL_SCALE, Material};
 use super::accessor::Buffers;
 use super::container::Document;
 use super::maps::{Maps, Texture, UvTransform};
-use super::specular::specular;
+use super::specular::{clear_coat, specular};
 use crate::error::ImportError;
 use crate::model::{Channel, Component, ImportedMaterial, MaterialMaps};
 
@@ -61,7 +61,9 @@ pub(super) fn convert(
         Some(glossy) => specular_glossiness(glossy, material, images, &mut maps),
         None => {
             metallic_roughness(source, material, images, &mut maps);
-            material.specular = extensions.filter(|_| !material.unlit).map(specular).unwrap_or_default();
+            let lit = extensions.filter(|_| !material.unlit);
+            material.specular = lit.map(specular).unwrap_or_default();
+            material.clear_coat = lit.map(clear_coat).unwrap_or_default();
         }
     }
     if !material.unlit {

@@ -33,6 +33,7 @@ pub(super) const TRANSMISSION: &str = "KHR_materials_transmission";
 /// Extensions of materials that are shown, but for their textures.
 pub(super) const IOR: &str = "KHR_materials_ior";
 pub(super) const SPECULAR: &str = "KHR_materials_specular";
+pub(super) const CLEAR_COAT: &str = "KHR_materials_clearcoat";
 
 /// Extensions that compress buffer views.
 pub(super) const COMPRESSED_VIEWS: [&str; 2] = ["EXT_meshopt_compression", "KHR_meshopt_compression"];
@@ -89,8 +90,9 @@ impl Root {
             for name in parsed.chain(extensions.others.keys().map(String::as_str)) {
                 *counts.entry(name.to_owned()).or_default() += 1;
             }
-            let shown =
-                [IOR, SPECULAR].into_iter().filter_map(|name| Some((name, extensions.others.get(name)?)));
+            let shown = [IOR, SPECULAR, CLEAR_COAT]
+                .into_iter()
+                .filter_map(|name| Some((name, extensions.others.get(name)?)));
             for (name, fields) in shown {
                 let keys = fields.as_object().into_iter().flat_map(Map::keys);
                 for texture in keys.filter(|key| key.ends_with("Texture")) {

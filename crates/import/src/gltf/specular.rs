@@ -1,10 +1,11 @@
-//! Specular reflection of materials: `KHR_materials_ior` and `KHR_materials_specular`. Their textures are left out.
+//! Specular reflection of materials: `KHR_materials_ior`, `KHR_materials_specular` and `KHR_materials_clearcoat`. Their
+//! textures are left out.
 
 use gltf::json::extensions::material::Material as Extensions;
-use lodestream_scene::asset::Specular;
+use lodestream_scene::asset::{ClearCoat, Specular};
 use serde_json::Value;
 
-use super::root::{IOR, SPECULAR};
+use super::root::{CLEAR_COAT, IOR, SPECULAR};
 
 /// The number of a name; `None` without it or if it is not finite.
 fn number(of: &Value, name: &str) -> Option<f64> {
@@ -25,4 +26,11 @@ pub(super) fn specular(extensions: &Extensions) -> Specular {
     });
     let straight = ((ior - 1.0) / (ior + 1.0)).powi(2);
     Specular { f0: color.map(|color| ((straight * color).min(1.0) * factor) as f32), f90: factor as f32 }
+}
+
+/// The clear coat; missing factors are 0.
+pub(super) fn clear_coat(extensions: &Extensions) -> ClearCoat {
+    let stated = extensions.others.get(CLEAR_COAT);
+    let share = |name| stated.and_then(|of| number(of, name)).unwrap_or(0.0).clamp(0.0, 1.0) as f32;
+    ClearCoat { factor: share("clearcoatFactor"), roughness: share("clearcoatRoughnessFactor") }
 }

@@ -5,24 +5,41 @@ use super::surface::{V3, dot, scale};
 /// Reflectance of dielectrics looking straight at them.
 pub const DIELECTRIC: f64 = 0.04;
 
-/// What a dielectric reflects (Schlick 1994).
+/// What a dielectric reflects (Schlick 1994), and a clear coat.
 #[derive(Clone, Copy, Debug)]
 pub struct Specular {
     /// Looking straight at it.
     pub f0: V3,
     /// Along it.
     pub f90: f64,
+    /// Share of the surface that a coat covers.
+    pub coat: f64,
+    /// The coat's perceptual roughness, above 0.
+    pub coat_roughness: f64,
+    /// The coat's normal, if it is not the surface's.
+    pub coat_normal: Option<V3>,
 }
 
 impl Specular {
     /// Without extensions.
-    pub const USUAL: Self = Self { f0: [DIELECTRIC; 3], f90: 1.0 };
+    pub const USUAL: Self =
+        Self { f0: [DIELECTRIC; 3], f90: 1.0, coat: 0.0, coat_roughness: 1.0, coat_normal: None };
 
-    /// What stands in a G-buffer.
+    /// What stands in a G-buffer: `specular_of` of `brdf.wgsl`.
     #[must_use]
-    pub fn of_bytes([r, g, b, f90]: [u8; 4]) -> Self {
-        let share = |byte: u8| f64::from(byte) / 255.0;
-        Self { f0: [r, g, b].map(|root| share(root).powi(2)), f90: share(f90) }
+    pub fn of_words([dielectric, coat]: [u32; 2]) -> Self {
+        let share = |of: u32, first: u32, bits: u32| {
+            let most = (1_u32 << bits) - 1;
+            f64::from(of >> first & most) / f64::from(most)
+        };
+        let place = [12, 22].map(|first| f64::from(coat >> first & 1023) / 511.0 - 1.0);
+        Self {
+            f0: [0, 8, 16].map(|first| share(dielectric, first, 8).powi(2)),
+            f90: share(dielectric, 24, 8),
+            coat: share(coat, 0, 5),
+            coat_roughness: 0.05 + 0.95 * share(coat, 5, 7),
+            coat_normal: (coat >> 12 != 0xf_ffff).then(|| from_octahedral(place)),
+        }
     }
 }
 
@@ -81,9 +98,41 @@ pub fn microfacets(roughness: f64, normal_half: f64, normal_light: f64, normal_e
 }
 
 impl Reflector {
+    fn coat_normal(&self) -> V3 {
+        self.specular.coat_normal.unwrap_or(self.normal)
+    }
+
+    /// What the coat takes from all below it (KHR_materials_clearcoat).
+    fn coat_cover(&self) -> f64 {
+        let rise = (1.0 - dot(self.coat_normal(), self.to_eye)).clamp(0.0, 1.0).powi(5);
+        self.specular.coat * (DIELECTRIC + (1.0 - DIELECTRIC) * rise)
+    }
+
+    /// The coat's BRDF times π and the light's cosine to it.
+    fn coat_pi(&self, to_light: V3) -> f64 {
+        let normal = self.coat_normal();
+        let normal_light = dot(normal, to_light).max(0.0);
+        let half_way = normalized([0, 1, 2].map(|i| self.to_eye[i] + to_light[i]));
+        let normal_eye = dot(normal, self.to_eye).max(1e-3);
+        let normal_half = dot(normal, half_way).clamp(0.0, 1.0);
+        let rise = (1.0 - dot(self.to_eye, half_way)).clamp(0.0, 1.0).powi(5);
+        let lobe = microfacets(self.specular.coat_roughness, normal_half, normal_light, normal_eye);
+        let reflectance = DIELECTRIC + (1.0 - DIELECTRIC) * rise;
+        self.specular.coat * reflectance * std::f64::consts::PI * lobe * normal_light
+    }
+
     /// The BRDF times π for light from a unit direction; 0 from below.
     #[must_use]
     pub fn brdf_pi(&self, to_light: V3) -> V3 {
+        let cosine = dot(self.normal, to_light);
+        if cosine <= 0.0 {
+            return [0.0; 3];
+        }
+        let (cover, coat) = (self.coat_cover(), self.coat_pi(to_light) / cosine);
+        self.base_pi(to_light).map(|base| base * (1.0 - cover) + coat)
+    }
+
+    fn base_pi(&self, to_light: V3) -> V3 {
         let normal_light = dot(self.normal, to_light);
         if normal_light <= 0.0 {
             return [0.0; 3];
@@ -109,47 +158,52 @@ impl Reflector {
     #[must_use]
     pub fn from_light(&self, to_light: V3, light: V3) -> V3 {
         let cosine = dot(self.normal, to_light).max(0.0);
-        let brdf = self.brdf_pi(to_light);
-        [0, 1, 2].map(|i| light[i] * cosine * brdf[i])
+        let (cover, base, coat) = (self.coat_cover(), self.base_pi(to_light), self.coat_pi(to_light));
+        [0, 1, 2].map(|i| light[i] * (cosine * base[i] * (1.0 - cover) + coat))
     }
 }
 
-/// Reference for image-based lighting: reflection of a whole sky, by `side`² samples of the specular lobe and as many
-/// of the cosine lobe, combined with the balance heuristic (Veach and Guibas, "Optimally combining sampling
-/// techniques", 1995).
+/// Reference for image-based lighting: reflection of a whole sky, by `side`² samples of the specular lobe, as many of
+/// the coat's and as many of the cosine lobe, combined with the balance heuristic (Veach and Guibas, "Optimally
+/// combining sampling techniques", 1995).
 pub fn from_sky(r: &Reflector, side: usize, sky: impl Fn(V3) -> V3) -> V3 {
     let across = if r.normal[0].abs() < 0.5 { [1.0, 0.0, 0.0] } else { [0.0, 1.0, 0.0] };
     let right = normalized(super::surface::cross(r.normal, across));
     let ahead = super::surface::cross(r.normal, right);
     let world = |[x, y, z]: V3| [0, 1, 2].map(|i| x * right[i] + y * ahead[i] + z * r.normal[i]);
-    let squared = r.roughness.powi(4);
+    let coat = (r.specular.coat > 0.0).then_some(r.specular.coat_roughness);
+    let lobes: Vec<f64> = [Some(r.roughness), coat].into_iter().flatten().map(|lobe| lobe.powi(4)).collect();
     let pi = std::f64::consts::PI;
-    let densities = |to_light: V3| {
+    let density = |to_light: V3| {
         let half_way = normalized([0, 1, 2].map(|i| r.to_eye[i] + to_light[i]));
         let cosine = dot(r.normal, half_way).clamp(0.0, 1.0);
-        let lobe = 1.0 + (squared - 1.0) * cosine * cosine;
-        let facets = squared / (pi * lobe * lobe) * cosine;
-        [facets / (4.0 * dot(r.to_eye, half_way).abs().max(1e-9)), dot(r.normal, to_light).max(0.0) / pi]
+        let facets = |squared: &f64| {
+            let lobe = 1.0 + (squared - 1.0) * cosine * cosine;
+            squared / (pi * lobe * lobe) * cosine / (4.0 * dot(r.to_eye, half_way).abs().max(1e-9))
+        };
+        lobes.iter().map(facets).sum::<f64>() + dot(r.normal, to_light).max(0.0) / pi
     };
     let mut sum = [0.0; 3];
     let mut add = |to_light: V3| {
         let cosine = dot(r.normal, to_light);
         if cosine > 0.0 {
-            let [lobe, lambert] = densities(to_light);
+            let density = density(to_light);
             let (brdf, light) = (r.brdf_pi(to_light), sky(to_light));
             for i in 0..3 {
-                sum[i] += brdf[i] / pi * light[i] * cosine / (lobe + lambert);
+                sum[i] += brdf[i] / pi * light[i] * cosine / density;
             }
         }
     };
     for i in 0..side * side {
         let (u, v) = (((i / side) as f64 + 0.5) / side as f64, ((i % side) as f64 + 0.5) / side as f64);
         let (sin, cos) = (2.0 * pi * v).sin_cos();
-        let height = ((1.0 - u) / (1.0 + (squared - 1.0) * u)).sqrt();
-        let wide = (1.0 - height * height).max(0.0).sqrt();
-        let half_way = world([wide * cos, wide * sin, height]);
-        let twice = 2.0 * dot(r.to_eye, half_way);
-        add([0, 1, 2].map(|i| twice * half_way[i] - r.to_eye[i]));
+        for squared in &lobes {
+            let height = ((1.0 - u) / (1.0 + (squared - 1.0) * u)).sqrt();
+            let wide = (1.0 - height * height).max(0.0).sqrt();
+            let half_way = world([wide * cos, wide * sin, height]);
+            let twice = 2.0 * dot(r.to_eye, half_way);
+            add([0, 1, 2].map(|i| twice * half_way[i] - r.to_eye[i]));
+        }
         let wide = u.sqrt();
         add(world([wide * cos, wide * sin, (1.0 - u).sqrt()]));
     }

@@ -78,7 +78,7 @@ impl DrawGroups<'_> {
         counters: &mut Counters,
     ) {
         self.draw_with(pass, meshes, counters, |pipelines, of| {
-            (of.specular && !of.blend).then(|| pipelines.specular(gpu))
+            (of.specular && !of.blend).then(|| pipelines.specular(gpu, of))
         });
     }
 

@@ -12,9 +12,8 @@ pub(crate) const DEPTH: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;
 pub(crate) const ALBEDO: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8UnormSrgb;
 /// World normal, octahedral, in xy; roughness; the material's ambient occlusion.
 pub(crate) const NORMAL: wgpu::TextureFormat = wgpu::TextureFormat::Rgba16Float;
-/// Specular reflection of dielectrics: roots of the reflectance straight on, and the reflectance along the surface, in
-/// 255ths, lowest byte first.
-pub(crate) const SPECULAR: wgpu::TextureFormat = wgpu::TextureFormat::R32Uint;
+/// Specular reflection of dielectrics, and clear coats, as `specular_of` of `brdf.wgsl` reads them.
+pub(crate) const SPECULAR: wgpu::TextureFormat = wgpu::TextureFormat::Rg32Uint;
 /// Ambient occlusion, 1 = open.
 pub(crate) const OCCLUSION: wgpu::TextureFormat = wgpu::TextureFormat::R8Unorm;
 /// Accumulated ambient occlusion.

@@ -98,9 +98,14 @@ impl GeometryPass<'_> {
     }
 
     /// Writes specular reflection, where depth equals the G-buffer's.
-    pub(crate) fn specular(&self, gpu: &Gpu, entry: [&str; 2]) -> wgpu::RenderPipeline {
+    pub(crate) fn specular(
+        &self,
+        gpu: &Gpu,
+        entry: [&str; 2],
+        constants: &[(&str, f64)],
+    ) -> wgpu::RenderPipeline {
         let targets = [Some(SPECULAR.into())];
-        let fragment = Fragment { module: self.module, entry: entry[1], constants: &[], targets: &targets };
+        let fragment = Fragment { module: self.module, entry: entry[1], constants, targets: &targets };
         let raster = Raster { compare: wgpu::CompareFunction::Equal, write: false, ..Raster::FILL };
         self.pipeline(gpu, entry[0], Some(fragment), raster)
     }

@@ -128,7 +128,8 @@ pub(crate) struct MeshPipelines {
     /// Without and with tiled maps, as are `emission` and the last two of `overdraw`.
     pierced_caster: [OnceLock<wgpu::RenderPipeline>; 2],
     motion: OnceLock<wgpu::RenderPipeline>,
-    specular: OnceLock<wgpu::RenderPipeline>,
+    /// Without and with maps or relief.
+    specular: [OnceLock<wgpu::RenderPipeline>; 2],
     emission: [OnceLock<wgpu::RenderPipeline>; 2],
     /// Opaque, transparent and alpha-tested.
     overdraw: [OnceLock<wgpu::RenderPipeline>; 4],
@@ -218,7 +219,7 @@ impl MeshPipelines {
             caster: OnceLock::new(),
             pierced_caster: Default::default(),
             motion: OnceLock::new(),
-            specular: OnceLock::new(),
+            specular: Default::default(),
             emission: Default::default(),
             overdraw: Default::default(),
         }
@@ -295,7 +296,7 @@ impl MeshPipelines {
             self.emission(gpu, material);
         }
         if material.specular {
-            self.specular(gpu);
+            self.specular(gpu, material);
         }
     }
 
@@ -365,8 +366,12 @@ impl MeshPipelines {
     }
 
     /// Specular reflection that is not the usual.
-    pub(crate) fn specular(&self, gpu: &Gpu) -> &wgpu::RenderPipeline {
-        self.specular.get_or_init(|| self.pass(gpu).specular(gpu, ["vs_surface", "fs_specular"]))
+    pub(crate) fn specular(&self, gpu: &Gpu, material: Features) -> &wgpu::RenderPipeline {
+        let maps = material.maps || material.relief;
+        self.specular[usize::from(maps)].get_or_init(|| {
+            let constants = [("MAPS", f64::from(u8::from(maps)))];
+            self.pass(gpu).specular(gpu, ["vs_surface", "fs_specular"], &constants)
+        })
     }
 
     /// Emission, added to the lit picture.

@@ -480,8 +480,9 @@ impl Renderer {
         let load = match id {
             PassId::Emission | PassId::Transparency => wgpu::LoadOp::Load,
             PassId::Specular => {
-                let usual = u32::from_le_bytes(Specular::default().bytes());
-                wgpu::LoadOp::Clear(wgpu::Color { r: usual.into(), ..wgpu::Color::TRANSPARENT })
+                let [usual, no_coat] = [u32::from_le_bytes(Specular::default().bytes()), 0xffff_f000];
+                let [r, g] = [usual, no_coat].map(f64::from);
+                wgpu::LoadOp::Clear(wgpu::Color { r, g, ..wgpu::Color::TRANSPARENT })
             }
             _ => wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT),
         };

@@ -131,7 +131,7 @@ pub(crate) struct Features {
     pub(crate) blend: bool,
     /// Emission.
     pub(crate) emits: bool,
-    /// Specular reflection that is not the usual.
+    /// Specular reflection that is not the usual, or a clear coat.
     pub(crate) specular: bool,
     /// A map with tiled levels.
     pub(crate) tiled: bool,
@@ -153,7 +153,7 @@ impl Features {
             mask: matches!(material.alpha, Alpha::Mask(_)),
             blend: material.alpha == Alpha::Blend,
             emits: material.emits(),
-            specular: !material.unlit && !material.specular.is_usual(),
+            specular: !material.unlit && (!material.specular.is_usual() || !material.clear_coat.is_none()),
             tiled: false,
             flat: material.flat,
         }

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use bytemuck::{Pod, Zeroable};
-use lodestream_scene::asset::{Alpha, Material, TextureKind, Wrap};
+use lodestream_scene::asset::{Alpha, ClearCoat, Material, TextureKind, Wrap};
 use wgpu::util::DeviceExt;
 
 use crate::resources::gpu::Gpu;
@@ -31,9 +31,17 @@ struct MaterialUniform {
     wrap: u32,
     /// [`Specular::bytes`](lodestream_scene::asset::Specular::bytes), lowest first.
     specular: u32,
-    padding: [u32; 3],
+    /// [`packed_coat`].
+    coat: u32,
+    padding: [u32; 2],
     /// Tiled maps: colour, surface, normal and emission.
     tiled: [TiledMap; 4],
+}
+
+/// A clear coat as `specular_of` of `brdf.wgsl` reads it, without its normal. Narrower lobes than of 0.05 flicker.
+pub(crate) fn packed_coat(coat: ClearCoat) -> u32 {
+    let steps = |share: f32, most: f32| (share.clamp(0.0, 1.0) * most).round() as u32;
+    steps(coat.factor, 31.0) | steps((coat.roughness - 0.05) / 0.95, 127.0) << 5
 }
 
 /// Textures of a material in binding order, with their kinds.
@@ -207,7 +215,8 @@ impl MaterialBindings {
             flat_faces: u32::from(material.flat),
             wrap: wrap[0] as u32 | (wrap[1] as u32) << 8,
             specular: u32::from_le_bytes(material.specular.bytes()),
-            padding: [0; 3],
+            coat: packed_coat(material.clear_coat),
+            padding: [0; 2],
             tiled,
         };
         // Acceleration textures assume a repeating map.

@@ -4,18 +4,34 @@
 // Reflectance of dielectrics looking straight at them.
 const DIELECTRIC: f32 = 0.04;
 
-// What a dielectric reflects (KHR_materials_ior, KHR_materials_specular).
+// What a dielectric reflects (KHR_materials_ior, KHR_materials_specular), and a clear coat (KHR_materials_clearcoat).
 struct Specular {
     f0: vec3<f32>, // looking straight at it
     f90: f32, // along it
+    coat: f32, // share of the surface that it covers
+    coat_roughness: f32,
+    coat_normal: vec3<f32>,
 }
 
-const USUAL_SPECULAR: Specular = Specular(vec3<f32>(DIELECTRIC, DIELECTRIC, DIELECTRIC), 1.0);
+const USUAL_SPECULAR: Specular = Specular(
+    vec3<f32>(DIELECTRIC, DIELECTRIC, DIELECTRIC), 1.0, 0.0, 1.0, vec3<f32>(0.0, 0.0, 1.0),
+);
 
-// From roots of f0 and f90, in 255ths: 51 are the usual 0.04.
-fn specular_of(packed: u32) -> Specular {
-    let stored = unpack4x8unorm(packed);
-    return Specular(stored.rgb * stored.rgb, stored.w);
+// Stands for the surface's normal in place of the coat's.
+const COAT_FOLLOWS: u32 = 0xfffffu;
+
+// Lowest bits first: roots of f0, and f90, in 255ths (51 are the usual 0.04); the coat's factor in 31sts, its roughness
+// beyond 0.05 in 127ths of the rest, its octahedral normal in 511ths, from -1 on, or COAT_FOLLOWS.
+fn specular_of(packed: vec2<u32>, normal: vec3<f32>) -> Specular {
+    let stored = unpack4x8unorm(packed.x);
+    let coat = f32(packed.y & 31u) / 31.0;
+    let roughness = 0.05 + f32((packed.y >> 5u) & 127u) * (0.95 / 127.0);
+    let place = packed.y >> 12u;
+    var coat_normal = normal;
+    if (place != COAT_FOLLOWS) {
+        coat_normal = from_octahedral(vec2(f32(place & 1023u), f32(place >> 10u)) / 511.0 - 1.0);
+    }
+    return Specular(stored.rgb * stored.rgb, stored.w, coat, roughness, coat_normal);
 }
 
 struct Reflector {
@@ -30,7 +46,10 @@ struct Reflector {
 
 // As metal mixes it.
 fn mixed_specular(r: Reflector) -> Specular {
-    return Specular(mix(r.specular.f0, r.albedo, r.metal), r.specular.f90 + (1.0 - r.specular.f90) * r.metal);
+    var specular = r.specular;
+    specular.f0 = mix(specular.f0, r.albedo, r.metal);
+    specular.f90 += (1.0 - specular.f90) * r.metal;
+    return specular;
 }
 
 // What a tinted reflection takes from the base beyond itself, per `1 - rise`: as much of each colour as of its strongest,
@@ -60,8 +79,36 @@ fn rise(cosine: f32) -> f32 {
     return pow(clamp(1.0 - cosine, 0.0, 1.0), 5.0);
 }
 
+// What the coat takes from all below it.
+fn coat_cover(r: Reflector) -> f32 {
+    let risen = rise(dot(r.specular.coat_normal, r.to_eye));
+    return r.specular.coat * (DIELECTRIC + (1.0 - DIELECTRIC) * risen);
+}
+
+fn coat_from_light(r: Reflector, to_light: vec3<f32>, light: vec3<f32>) -> vec3<f32> {
+    let normal = r.specular.coat_normal;
+    let normal_light = dot(normal, to_light);
+    if (normal_light <= 0.0) {
+        return vec3(0.0);
+    }
+    let half_way = normalize(r.to_eye + to_light);
+    let normal_eye = max(dot(normal, r.to_eye), 1e-3);
+    let normal_half = clamp(dot(normal, half_way), 0.0, 1.0);
+    let reflectance = DIELECTRIC + (1.0 - DIELECTRIC) * rise(dot(r.to_eye, half_way));
+    let lobe = PI * microfacets(r.specular.coat_roughness, normal_half, normal_light, normal_eye);
+    return light * (r.specular.coat * normal_light * reflectance * lobe);
+}
+
 // Radiance towards the eye from light out of one direction, `light` as irradiance over π on what faces it.
 fn from_light(r: Reflector, to_light: vec3<f32>, light: vec3<f32>) -> vec3<f32> {
+    let below = base_from_light(r, to_light, light);
+    if (r.specular.coat <= 0.0) {
+        return below;
+    }
+    return below * (1.0 - coat_cover(r)) + coat_from_light(r, to_light, light);
+}
+
+fn base_from_light(r: Reflector, to_light: vec3<f32>, light: vec3<f32>) -> vec3<f32> {
     let normal_light = dot(r.normal, to_light);
     if (normal_light <= 0.0) {
         return vec3(0.0);
@@ -93,7 +140,20 @@ fn from_sky(r: Reflector) -> vec3<f32> {
     let mirrored = specular.f0 * share.x + specular.f90 * share.y;
     let base = (1.0 - mirrored - tint_excess(r) * share.x) * r.albedo * (1.0 - r.metal);
     let seen = reflected(reflect(-r.to_eye, r.normal), r.roughness);
-    return base * ambient(r.normal) * r.open + mirrored * seen * mirror_open(r.open, normal_eye, r.roughness);
+    let below = base * ambient(r.normal) * r.open + mirrored * seen * mirror_open(r.open, normal_eye, r.roughness);
+    if (r.specular.coat <= 0.0) {
+        return below;
+    }
+    let coat_eye = clamp(dot(r.specular.coat_normal, r.to_eye), 1e-3, 1.0);
+    let coat_seen = reflected(reflect(-r.to_eye, r.specular.coat_normal), r.specular.coat_roughness);
+    let open = mirror_open(r.open, coat_eye, r.specular.coat_roughness);
+    return below * (1.0 - coat_cover(r)) + coat_mirrored(r, coat_eye) * coat_seen * open;
+}
+
+// Share of a uniform sky that the coat mirrors.
+fn coat_mirrored(r: Reflector, normal_eye: f32) -> f32 {
+    let share = environment_brdf(normal_eye, r.specular.coat_roughness);
+    return r.specular.coat * (DIELECTRIC * share.x + share.y);
 }
 
 // Both, of a sun of which a share arrives.

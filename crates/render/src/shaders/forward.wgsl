@@ -18,7 +18,11 @@ fn fs_transparent(s: Surface, @builtin(front_facing) front: bool) -> @location(0
     }
     var specular = USUAL_SPECULAR;
     if (SPECULAR) {
-        specular = specular_of(material.specular);
+        var coat_normal = surface.normal;
+        if (MAPS) {
+            coat_normal = own_normal(s, front, dpdx(s.position), dpdy(s.position), -to_eye);
+        }
+        specular = specular_of(vec2(material.specular, material.coat | (COAT_FOLLOWS << 12u)), coat_normal);
     }
     let r = Reflector(surface.albedo, surface.metal, surface.roughness, surface.normal, to_eye, surface.occlusion, specular);
     let texel = emitted(s.uv);

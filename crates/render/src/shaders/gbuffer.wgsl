@@ -30,6 +30,7 @@ struct Material {
     flat_faces: u32,
     wrap: u32, // of u, and of v from bit 8 on: 0 repeat, 1 clamp, 2 mirror
     specular: u32, // see specular_of() in brdf.wgsl
+    coat: u32, // without its normal
     tiled: array<TiledMap, 4>, // colour, surface, normal, emission
 }
 
@@ -123,6 +124,18 @@ fn face_normal(dp_dx: vec3<f32>, dp_dy: vec3<f32>, view: vec3<f32>) -> vec3<f32>
     return select(normal, -normal, dot(normal, view) > 0.0);
 }
 
+// The unit normal without maps and relief; `view` is the direction from the eye.
+fn own_normal(s: Surface, front: bool, dp_dx: vec3<f32>, dp_dy: vec3<f32>, view: vec3<f32>) -> vec3<f32> {
+    // Both sides are drawn; on a back face the normal is flipped. A vertex without a usable normal
+    // (isolated or degenerate star) faces the eye.
+    var normal = select(-s.normal, s.normal, front);
+    if (material.flat_faces == 1u) {
+        normal = face_normal(dp_dx, dp_dy, view);
+    }
+    let normal_length = length(normal);
+    return select(-view, normal / normal_length, normal_length > 1e-6);
+}
+
 // All of a surface at a fragment. In uniform control flow, for derivatives.
 fn shaded(s: Surface, front: bool) -> Shaded {
     let dp_dx = dpdx(s.position);
@@ -131,15 +144,7 @@ fn shaded(s: Surface, front: bool) -> Shaded {
     let duv_dy = dpdy(s.uv);
     let view_length = max(length(s.position), 1e-30);
     let view = s.position / view_length; // from the eye to the surface
-
-    // Both sides are drawn; on a back face the normal is flipped. A vertex without a usable normal
-    // (isolated or degenerate star) faces the eye.
-    var normal = select(-s.normal, s.normal, front);
-    if (material.flat_faces == 1u) {
-        normal = face_normal(dp_dx, dp_dy, view);
-    }
-    let normal_length = length(normal);
-    normal = select(-view, normal / normal_length, normal_length > 1e-6);
+    let normal = own_normal(s, front, dp_dx, dp_dy, view);
 
     var uv = s.uv;
     var sunlit = true;
@@ -236,10 +241,16 @@ fn fs_deep_surface(s: Surface, @builtin(front_facing) front: bool) -> DeepGBuffe
     return DeepGBuffer(stored.normal, stored.albedo, clamp(frame.near / max(ahead, frame.near), 0.0, 1.0));
 }
 
-// Specular reflection that is not the usual.
+// Specular reflection that is not the usual, as specular_of() of brdf.wgsl reads it. A coat lies over normal map and relief.
 @fragment
-fn fs_specular() -> @location(0) u32 {
-    return material.specular;
+fn fs_specular(s: Surface, @builtin(front_facing) front: bool) -> @location(0) vec2<u32> {
+    var place = vec2(1023u);
+    if (MAPS) {
+        let view = s.position / max(length(s.position), 1e-30);
+        let normal = own_normal(s, front, dpdx(s.position), dpdy(s.position), view);
+        place = vec2<u32>(round((octahedral(normal) + 1.0) * 511.0));
+    }
+    return vec2(material.specular, material.coat | (place.x << 12u) | (place.y << 22u));
 }
 
 // Emission over the lit picture.

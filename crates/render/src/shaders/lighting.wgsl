@@ -26,7 +26,7 @@ fn fs_lighting(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
         return vec4(albedo.rgb, 1.0);
     }
     let normal = from_octahedral(stored.xy);
-    var surface = Reflector(albedo.rgb, albedo.a, stored.z, normal, -ray, abs(stored.w), specular_at(pixel));
+    var surface = Reflector(albedo.rgb, albedo.a, stored.z, normal, -ray, abs(stored.w), specular_at(pixel, normal));
     if (OCCLUSION) {
         surface.open *= textureLoad(occlusion_map, pixel, 0).x;
     }

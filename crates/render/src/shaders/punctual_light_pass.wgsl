@@ -17,7 +17,7 @@ fn fs_punctual_lights(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32
     let position = (transpose(frame.view_from_world) * vec4(ray * depth, 0.0)).xyz;
     let distance = depth * length(ray);
     let normal = from_octahedral(stored.xy);
-    let r = Reflector(albedo.rgb, albedo.a, stored.z, normal, -position / distance, 1.0, specular_at(pixel));
+    let r = Reflector(albedo.rgb, albedo.a, stored.z, normal, -position / distance, 1.0, specular_at(pixel, normal));
     // Only the extinction by haze: its in-scattered light was added before.
     let left = exp(-min(max(frame.sky_side.w, 0.0) * distance, 80.0));
     return vec4(min(from_punctual_lights(r, position, vec2<u32>(pixel), depth) * left, vec3(MAX_RADIANCE)), 0.0);

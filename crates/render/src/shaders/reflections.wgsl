@@ -16,13 +16,15 @@ fn fs_reflections(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     let depth = depth_at(pixel);
     let stored = textureLoad(surface_normals, pixel, 0);
     let roughness = stored.z;
-    if (depth >= FAR || is_unlit(stored) || roughness >= MIRRORS.y) {
+    let normal = from_octahedral(stored.xy);
+    let coating = specular_at(pixel, normal);
+    let is_coated = coating.coat > 0.0 && coating.coat_roughness < MIRRORS.y;
+    if (depth >= FAR || is_unlit(stored) || (roughness >= MIRRORS.y && !is_coated)) {
         return vec4(0.0);
     }
     let albedo = textureLoad(albedo_map, pixel, 0);
     let place = view_ray(pixel) * depth;
     let to_eye = -normalize(place);
-    let normal = from_octahedral(stored.xy);
     let view_normal = (frame.view_from_world * vec4(normal, 0.0)).xyz;
     let direction = reflect(-to_eye, view_normal);
     let met = trace(place, normal_at(pixel, place), direction);
@@ -32,7 +34,8 @@ fn fs_reflections(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     // As from_sky() of brdf.wgsl weighs what it mirrors.
     let cosine = clamp(dot(view_normal, to_eye), 1e-3, 1.0);
     let split = environment_brdf(cosine, roughness);
-    let surface = Reflector(albedo.rgb, albedo.a, roughness, normal, to_eye, 1.0, specular_at(pixel));
+    let world_to_eye = (transpose(frame.view_from_world) * vec4(to_eye, 0.0)).xyz;
+    let surface = Reflector(albedo.rgb, albedo.a, roughness, normal, world_to_eye, 1.0, coating);
     let specular = mixed_specular(surface);
     let mirrored = specular.f0 * split.x + specular.f90 * split.y;
     var open = stored.w;
@@ -40,11 +43,19 @@ fn fs_reflections(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
         open *= textureLoad(occlusion_map, pixel, 0).x;
     }
     let world = (transpose(frame.view_from_world) * vec4(direction, 0.0)).xyz;
-    let difference = textureLoad(lit_map, met.pixel, 0).rgb - reflected(world, roughness);
+    let seen = textureLoad(lit_map, met.pixel, 0).rgb;
+    let difference = seen - reflected(world, roughness);
     var clear = 1.0;
     if (frame.sky_side.w > 0.0) {
         clear = exp(-min(frame.sky_side.w * length(place), 80.0));
     }
     let share = met.share * mirrors(roughness) * mirror_open(open, cosine, roughness) * clear;
-    return vec4(mirrored * difference * share, 0.0);
+    let below = mirrored * difference * share;
+    if (!is_coated) {
+        return vec4(below * (1.0 - coat_cover(surface)), 0.0);
+    }
+    // Along the same ray: over a normal map a coat has another normal.
+    let coat_share = met.share * mirrors(coating.coat_roughness) * mirror_open(open, cosine, coating.coat_roughness) * clear;
+    let coat = coat_mirrored(surface, cosine) * (seen - reflected(world, coating.coat_roughness)) * coat_share;
+    return vec4(below * (1.0 - coat_cover(surface)) + coat, 0.0);
 }

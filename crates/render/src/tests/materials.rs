@@ -8,6 +8,7 @@ use super::{headless, keep};
 use crate::cpu_reference::brdf::{Reflector, Specular, from_octahedral, from_sky};
 use crate::cpu_reference::depth::view_ray;
 use crate::frame::graph::Resource;
+use crate::scene::material_bindings::packed_coat;
 use crate::{
     Alpha, AntiAliasing, AssetGpu, DebugView, Drawable, Environment, Frame, GradientSky, Headless, Material,
     PackedVertex, PassId, Placement, Pose, Settings, Sky, TextureData, TextureKind, TextureShape, Wrap,
@@ -51,7 +52,12 @@ pub(super) fn square(z: f32) -> Mesh {
 }
 
 /// An asset with textures of 8 × 8 texels and four levels, filled with one value or with `texels`.
-fn textured(h: &Headless, mesh: &Mesh, material: Material, textures: &[(TextureKind, &[u8])]) -> AssetGpu {
+pub(super) fn textured(
+    h: &Headless,
+    mesh: &Mesh,
+    material: Material,
+    textures: &[(TextureKind, &[u8])],
+) -> AssetGpu {
     let shapes: Vec<_> = textures
         .iter()
         .map(|(kind, texels)| TextureShape {
@@ -111,7 +117,8 @@ pub(super) fn sphere_rms(
         let [albedo @ .., _] = material.base_color.map(f64::from);
         let to_eye = (-ray).to_array();
         let (metal, roughness) = (f64::from(material.metallic), f64::from(material.roughness));
-        let specular = Specular::of_bytes(material.specular.bytes());
+        let coat = packed_coat(material.clear_coat) | 0xffff_f000;
+        let specular = Specular::of_words([u32::from_le_bytes(material.specular.bytes()), coat]);
         let reflector = Reflector { albedo, metal, roughness, normal, to_eye, specular };
         let from_sun = reflector.from_light(to_sun, sun);
         let from_sky = from_sky(&reflector, 32, |direction| sky(direction.into()));

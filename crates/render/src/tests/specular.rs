@@ -1,14 +1,17 @@
-//! Specular reflection of dielectrics, against its integral.
+//! Specular reflection of dielectrics and clear coats, against their integral.
 
 use glam::DVec3;
 
-use super::headless;
-use super::materials::{bare, close, front, middle, of_light, sky_alone, sphere_rms, square};
-use super::shapes::{asset, at, cube, quad};
+use super::materials::{
+    bare, close, front, halves, middle, of_light, sky_alone, sphere_rms, square, textured,
+};
+use super::shapes::{asset, at, cube, quad, sphere};
+use super::{headless, keep};
+use crate::cpu_reference::brdf::{self, Reflector, from_octahedral};
 use crate::frame::graph::Resource;
 use crate::{
-    Alpha, Drawable, Environment, Frame, Headless, Material, PassId, Placement, PunctualLight, Reflections,
-    Settings, Specular,
+    Alpha, ClearCoat, Drawable, Environment, Frame, Headless, Material, PassId, Placement, PunctualLight,
+    Reflections, Settings, Specular, TextureKind,
 };
 
 fn of(f0: [f32; 3], f90: f32) -> Material {
@@ -53,11 +56,11 @@ fn the_target_holds_the_factors_where_they_are_seen_and_the_usual_ones_elsewhere
     let both = [&wall, &plain].map(|asset| Drawable { asset, instances: &here });
     let passes = draw(&mut h, &both, of_light(0.5, 0.5));
     assert!(passes.contains(&PassId::Specular));
-    let stored = h.intermediate(Resource::Specular, 4).unwrap();
-    let at = |x: usize| <[u8; 4]>::try_from(&stored[4 * (8 * 16 + x)..][..4]).unwrap();
+    let stored = h.intermediate(Resource::Specular, 8).unwrap();
+    let at = |x: usize| <[u8; 4]>::try_from(&stored[8 * (8 * 16 + x)..][..4]).unwrap();
     assert_eq!((at(4), at(12)), (Specular::default().bytes(), diamond.specular.bytes()));
     // The usual reflection is the same with and without the target.
-    let left = |h: &Headless| super::materials::halves(h, Resource::Radiance)[8 * 16 + 4];
+    let left = |h: &Headless| halves(h, Resource::Radiance)[8 * 16 + 4];
     let beside = left(&h);
     assert!(!draw(&mut h, &both[1..], of_light(0.5, 0.5)).contains(&PassId::Specular));
     let [r, g, b, _] = beside;
@@ -102,4 +105,101 @@ fn transparent_surfaces_and_reflected_ones_use_the_same_factors() {
         with - without
     });
     assert!(mirrored[0] > 0.0 && mirrored[1] > 2.0 * mirrored[0], "{mirrored:?}");
+}
+
+fn coated(factor: f32, roughness: f32) -> Material {
+    let clear_coat = ClearCoat { factor, roughness };
+    Material { base_color: [0.5, 0.05, 0.02, 1.0], roughness: 0.6, clear_coat, ..Material::default() }
+}
+
+#[test]
+fn coated_spheres_reflect_as_the_integral_says() {
+    let Some(mut h) = headless(32, 32) else { return };
+    for (factor, coat, metallic) in [(1.0, 0.3, 0.0), (1.0, 0.1, 0.0), (0.5, 0.2, 1.0), (1.0, 0.6, 0.5)] {
+        let material = Material { metallic, ..coated(factor, coat) };
+        let by_sun = sphere_rms(&mut h, material.clone(), of_light(1.0, 0.0), |_| [0.0; 3]);
+        let by_sky = sphere_rms(&mut h, material, sky_alone(0.5), |_| [0.5; 3]);
+        println!("{factor} {coat} {metallic} | {by_sun:.4} {by_sky:.4}");
+        // As of materials without a coat: 16 bits of normals matter in narrow lobes.
+        let most = if coat < 0.2 { 0.12 } else { 0.05 };
+        assert!(by_sun < most && by_sky < 0.1, "{factor} {coat} {metallic}: {by_sun} {by_sky}");
+    }
+}
+
+#[test]
+fn a_coat_lies_over_the_normal_map_and_is_lit_by_all_lights() {
+    let Some(mut h) = headless(16, 16) else { return };
+    let here = [Placement::default()];
+    let tilted =
+        DVec3::new(0.4, 0.3, 0.866).normalize().to_array().map(|c| ((c + 1.0) * 127.5).round() as u8);
+    let map = [tilted[0], tilted[1], tilted[2], 255].repeat(64);
+    for normal_texture in [None, Some(0)] {
+        let material = Material { normal_texture, ..coated(1.0, 0.4) };
+        let shown = [Alpha::Opaque, Alpha::Blend].map(|alpha| {
+            let material = Material { alpha, ..material.clone() };
+            let wall = textured(&h, &square(0.0), material, &[(TextureKind::Normal, &map)]);
+            draw(&mut h, &[Drawable { asset: &wall, instances: &here }], of_light(0.0, 0.0));
+            middle(&h, Resource::Radiance)
+        });
+        // The opaque wall again, for what stands in the targets.
+        let wall = textured(&h, &square(0.0), material, &[(TextureKind::Normal, &map)]);
+        draw(&mut h, &[Drawable { asset: &wall, instances: &here }], of_light(0.0, 0.0));
+        let stored = h.intermediate(Resource::Specular, 8).unwrap();
+        let words: Vec<u32> = bytemuck::pod_collect_to_vec(&stored[8 * (8 * 16 + 8)..][..8]);
+        let specular = brdf::Specular::of_words([words[0], words[1]]);
+        let [x, y, roughness, _] = middle(&h, Resource::Normal);
+        let normal = from_octahedral([x, y]);
+        match normal_texture {
+            None => assert_eq!(specular.coat_normal, None),
+            Some(_) => {
+                let coat = DVec3::from(specular.coat_normal.unwrap());
+                assert!(
+                    coat.distance(DVec3::Z) < 2e-3 && coat.distance(normal.into()) > 0.3,
+                    "{coat} {normal:?}"
+                );
+            }
+        }
+        // The middle of the picture is 1/32 of its width right of and below the axis.
+        let at = DVec3::new(1.0, -1.0, 0.0) * (2.0 * (0.3_f64).tan() / 16.0);
+        let to_eye = (DVec3::new(0.0, 0.0, 2.0) - at).normalize().to_array();
+        let albedo = [0.5, 0.05, 0.02];
+        let reflector = Reflector { albedo, metal: 0.0, roughness, normal, to_eye, specular };
+        let away = DVec3::new(0.5, 0.5, 2.0) - at;
+        let light = 2.0 / std::f64::consts::PI / away.length_squared();
+        let want = reflector.from_light(away.normalize().to_array(), [light; 3]);
+        for got in shown {
+            for c in 0..3 {
+                assert!(
+                    (got[c] - want[c]).abs() < 0.01 * want[c] + 2e-3,
+                    "{normal_texture:?}: {shown:?} {want:?}"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn a_coated_ball_has_a_sharper_highlight_than_a_rough_one() {
+    let Some(mut h) = headless(192, 96) else { return };
+    let balls = [coated(1.0, 0.1), coated(0.0, 0.0)].map(|material| asset(&h, &sphere(96), material));
+    let places = [[at(-0.55, 0.0, 0.0, 1.0)], [at(0.55, 0.0, 0.0, 1.0)]];
+    let drawables: Vec<_> =
+        balls.iter().zip(&places).map(|(asset, instances)| Drawable { asset, instances }).collect();
+    let environment = Environment { to_sun: DVec3::new(0.2, 0.4, 1.0), ..of_light(1.0, 0.3) };
+    let camera = crate::Pose::look_at(DVec3::new(0.0, 0.0, 6.0), DVec3::ZERO, DVec3::Y, 0.2);
+    h.frame(&Frame { environment, settings: bare(), ..Frame::new(camera, &drawables) }).unwrap();
+    keep(&h, "clear-coat");
+    let radiance = halves(&h, Resource::Radiance);
+    // Of each half: the brightest green, and how many pixels are brighter than its half.
+    let highlight = |first: usize| {
+        let greens: Vec<f64> = (0..96 * 96)
+            .map(|i| radiance[i / 96 * 192 + first + i % 96])
+            .filter(|texel| texel[3] >= 1.0)
+            .map(|texel| texel[1])
+            .collect();
+        let brightest = greens.iter().fold(0.0, |a: f64, b| a.max(*b));
+        (brightest, greens.iter().filter(|green| **green > 0.5 * brightest).count())
+    };
+    let ((coat, few), (rough, many)) = (highlight(0), highlight(96));
+    assert!(coat > 3.0 * rough && few * 5 < many && few > 0, "{coat} {few}, {rough} {many}");
 }

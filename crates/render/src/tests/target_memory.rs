@@ -5,8 +5,8 @@ use glam::DVec3;
 use super::headless;
 use super::shapes::{asset, at, quad, sphere};
 use crate::{
-    Alpha, AmbientOcclusion, AntiAliasing, Bloom, Drawable, Frame, Headless, LightCulling, Material,
-    OcclusionMethod, Placement, Pose, PunctualLight, Reflections, Settings, Shadows, Water,
+    Alpha, AmbientOcclusion, AntiAliasing, Bloom, ClearCoat, Drawable, Frame, Headless, LightCulling,
+    Material, OcclusionMethod, Placement, Pose, PunctualLight, Reflections, Settings, Shadows, Water,
 };
 
 const LIGHTS: [PunctualLight; 1] =
@@ -18,7 +18,8 @@ const SKY_BYTES: u64 = 8 * (130 * 130 + 6 * 66 * 66 + 32 * 32);
 fn draw(h: &mut Headless, settings: Settings) -> u64 {
     let floor = quad([-6.0, -0.6, 3.0], [12.0, 0.5, 0.0], [0.0, 0.2, -9.0], 1.0);
     let glass = Material { base_color: [0.7, 0.7, 0.7, 0.4], alpha: Alpha::Blend, ..Material::default() };
-    let glowing = Material { emission: [0.4, 0.1, 0.0], ..Material::default() };
+    let clear_coat = ClearCoat { factor: 1.0, roughness: 0.1 };
+    let glowing = Material { emission: [0.4, 0.1, 0.0], clear_coat, ..Material::default() };
     let (floor, ball, pane) = (
         asset(h, &floor, Material::default()),
         asset(h, &sphere(12), glowing),
@@ -70,8 +71,9 @@ fn it_grows_with_the_picture_as_the_formats_say() {
         per_pixel.push((bytes - maps) / pixels);
         assert_eq!((bytes - maps) % pixels, 0);
     }
-    // Depth 4, normal 8, albedo 4, occlusion 1 + 1 + 2, sunlight 2, radiance 8, two histories 16, motion 4.
-    assert_eq!(per_pixel, [50; 3]);
+    // Depth 4, normal 8, albedo 4, specular reflection 8, occlusion 1 + 1 + 2, sunlight 2, radiance 8, two
+    // histories 16, motion 4.
+    assert_eq!(per_pixel, [58; 3]);
 }
 
 #[test]

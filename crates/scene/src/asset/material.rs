@@ -1,7 +1,7 @@
 //! Materials: metallic–roughness as in glTF 2.0 (§3.9), with emission, alpha mode and maps.
 
 use super::shares::{from_u8, to_u8, to_u16};
-use super::specular::Specular;
+use super::specular::{ClearCoat, Specular};
 use crate::encoding::{CodingError, Decode, Encode, Reader, Writer};
 
 /// Largest emission of a material, in the scene's units of light.
@@ -26,6 +26,8 @@ pub struct Material {
     pub metallic: f32,
     /// What it reflects as a dielectric.
     pub specular: Specular,
+    /// A coat over all of it but its emission.
+    pub clear_coat: ClearCoat,
     /// Emitted light, linear RGB, each in 0..=[`MAX_EMISSION`]. Multiplies the emission
     /// texture, if any.
     pub emission: [f32; 3],
@@ -86,6 +88,7 @@ impl Default for Material {
             roughness: 0.8,
             metallic: 0.0,
             specular: Specular::default(),
+            clear_coat: ClearCoat::default(),
             emission: [0.0; 3],
             alpha: Alpha::Opaque,
             unlit: false,
@@ -151,7 +154,8 @@ mod more {
 /// Bits of the third byte, after [`more::MASK`] and [`more::BLEND`].
 mod third {
     pub(super) const SPECULAR: u8 = 4;
-    pub(super) const ALL: u8 = 7;
+    pub(super) const CLEAR_COAT: u8 = 8;
+    pub(super) const ALL: u8 = 15;
 }
 
 fn wrap_bits(wrap: Wrap) -> u8 {
@@ -182,7 +186,8 @@ impl Material {
 
     /// `None` without any field that it tells of.
     fn third_byte(&self) -> Option<u8> {
-        let present = [(third::SPECULAR, !self.specular.is_usual())];
+        let present =
+            [(third::SPECULAR, !self.specular.is_usual()), (third::CLEAR_COAT, !self.clear_coat.is_none())];
         let present: u8 = present.iter().map(|&(bit, is)| if is { bit } else { 0 }).sum();
         (present > 0).then(|| present | self.alpha_bits())
     }
@@ -254,6 +259,9 @@ impl Encode for Material {
             if !self.specular.is_usual() {
                 self.specular.encode(writer)?;
             }
+            if !self.clear_coat.is_none() {
+                self.clear_coat.encode(writer)?;
+            }
         }
         Ok(())
     }
@@ -308,6 +316,9 @@ impl Decode for Material {
             }
             if third & third::SPECULAR != 0 {
                 this.specular = Specular::decode(reader)?;
+            }
+            if third & third::CLEAR_COAT != 0 {
+                this.clear_coat = ClearCoat::decode(reader)?;
             }
             if this.third_byte() != has_third.then_some(third) {
                 return Err(CodingError::value("a material flags what it has not"));

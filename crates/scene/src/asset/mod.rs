@@ -11,7 +11,7 @@ mod texture_regions;
 pub mod tiles;
 
 pub use self::planes::{NORMAL_PLANES, Planes};
-pub use self::specular::Specular;
+pub use self::specular::{ClearCoat, Specular};
 pub use self::texture_regions::{MAX_TEXTURE_REGIONS, TexturePatch, TextureRegion, TextureRegions, cells_of};
 pub use self::tiles::{TILE_BORDER, TILE_SIDE, is_tiled, tile_grid, tile_place, tile_size};
 
@@ -343,6 +343,7 @@ mod tests {
         Material {
             metallic: 0.2,
             specular: Specular::of_bytes([51, 255, 0, 102]),
+            clear_coat: ClearCoat { factor: 0.8, roughness: 0.2 },
             emission: [12.5, 0.0, 1e-6],
             alpha: Alpha::Mask(0.6),
             unlit: true,
@@ -358,9 +359,10 @@ mod tests {
 
     #[test]
     fn all_material_fields_round_trip() {
-        let fields: [fn(&mut Material); 12] = [
+        let fields: [fn(&mut Material); 13] = [
             |m| m.metallic = 0.0,
             |m| m.specular = Specular::default(),
+            |m| m.clear_coat = ClearCoat::default(),
             |m| m.emission = [0.0; 3],
             |m| m.alpha = Alpha::Blend,
             |m| m.unlit = false,
@@ -417,14 +419,20 @@ mod tests {
         for (first, last) in [(4, 0), (128, 0), (128, 3), (128, 24), (128, 131)] {
             assert!(with(first, &[last]).is_err(), "{first} {last}");
         }
-        // A third byte: of nothing, unknown, mask and blend together, of the usual specular, of less than it says.
-        assert!(with(128, &[3, 4, 1, 2, 3, 4]).is_ok() && with(128, &[3, 5, 9, 1, 2, 3, 4]).is_ok());
+        // A third byte: of nothing, unknown, mask and blend together, of the usual specular, of a coat that covers
+        // nothing, of less than it says.
+        assert!(
+            with(128, &[3, 12, 1, 2, 3, 4, 5, 6]).is_ok()
+                && with(128, &[3, 4, 1, 2, 3, 4]).is_ok()
+                && with(128, &[3, 5, 9, 1, 2, 3, 4]).is_ok()
+        );
         for last in [
             &[3, 0][..],
             &[3, 2],
             &[3, 36, 1, 2, 3, 4],
             &[3, 7, 1, 2, 3, 4],
             &[3, 4, 51, 51, 51, 255],
+            &[3, 8, 0, 9],
             &[3, 4, 1],
         ] {
             assert!(with(128, last).is_err(), "{last:?}");

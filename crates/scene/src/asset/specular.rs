@@ -1,4 +1,5 @@
-//! What a material reflects besides its base: as `KHR_materials_ior` and `KHR_materials_specular` set it.
+//! What a material reflects besides its base: as `KHR_materials_ior`, `KHR_materials_specular` and
+//! `KHR_materials_clearcoat` set it.
 
 use super::shares::{from_u8, to_u8};
 use crate::encoding::{CodingError, Decode, Encode, Reader, Writer};
@@ -51,5 +52,39 @@ impl Encode for Specular {
 impl Decode for Specular {
     fn decode<R: Reader>(reader: &mut R) -> Result<Self, CodingError> {
         Ok(Self::of_bytes(Decode::decode(reader)?))
+    }
+}
+
+/// A clear coat over the rest, which reflects 0.04 straight on.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct ClearCoat {
+    /// Share of the surface that it covers, in 0..=1; kept in steps of 1/255.
+    pub factor: f32,
+    /// Its perceptual roughness, in 0..=1; kept in steps of 1/255.
+    pub roughness: f32,
+}
+
+impl ClearCoat {
+    fn bytes(&self) -> [u8; 2] {
+        [self.factor, self.roughness].map(to_u8)
+    }
+
+    /// Whether there is none as far as is kept.
+    #[must_use]
+    pub fn is_none(&self) -> bool {
+        to_u8(self.factor) == 0
+    }
+}
+
+impl Encode for ClearCoat {
+    fn encode<W: Writer>(&self, writer: &mut W) -> Result<(), CodingError> {
+        self.bytes().encode(writer)
+    }
+}
+
+impl Decode for ClearCoat {
+    fn decode<R: Reader>(reader: &mut R) -> Result<Self, CodingError> {
+        let [factor, roughness] = <[u8; 2]>::decode(reader)?.map(from_u8);
+        Ok(Self { factor, roughness })
     }
 }

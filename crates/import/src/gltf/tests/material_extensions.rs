@@ -1,6 +1,6 @@
 //! Extensions of materials: what is shown of them, and the warning of the rest.
 
-use lodestream_scene::asset::Specular;
+use lodestream_scene::asset::{ClearCoat, Specular};
 use serde_json::{Value, json};
 
 use super::Model;
@@ -10,14 +10,14 @@ use super::materials::textured;
 fn extensions_of_materials_that_are_left_out_are_named_once_with_the_number_of_materials() {
     let mut model = Model::quad();
     let layers =
-        json!({"KHR_materials_clearcoat": {"clearcoatFactor": 1}, "KHR_materials_ior": {"ior": 1.3}});
+        json!({"KHR_materials_sheen": {"sheenRoughnessFactor": 1}, "KHR_materials_ior": {"ior": 1.3}});
     let glass = json!({"KHR_materials_transmission": {"transmissionFactor": 1}, "KHR_materials_ior": {"ior": 1.5},
         "KHR_materials_volume": {}, "KHR_materials_unlit": {}, "FB_of_its_own": {}});
     model.json["materials"] = json!([{"extensions": layers}, {"extensions": layers}, {"extensions": glass}]);
     // Listed or not.
     model.json["extensionsUsed"] = json!(["KHR_materials_ior", "KHR_materials_transmission"]);
     let [warning] = &model.read().unwrap().warnings[..] else { panic!() };
-    let expected = "ignored: extension KHR_materials_clearcoat (2), extension KHR_materials_transmission drawn as \
+    let expected = "ignored: extension KHR_materials_sheen (2), extension KHR_materials_transmission drawn as \
                     opacity unless it has a texture, extension KHR_materials_volume";
     assert!(warning.ends_with(expected), "{warning}");
 }
@@ -59,4 +59,26 @@ fn index_of_refraction_and_specular_factors_become_reflectances() {
     let expected = "ignored: extension KHR_materials_specular.specularColorTexture, extension \
                     KHR_materials_specular.specularTexture";
     assert!(warning.ends_with(expected), "{warning}");
+}
+
+#[test]
+fn clear_coats_keep_their_factors_and_leave_their_textures_out() {
+    let read = |coat: Value| {
+        let extensions = json!({"KHR_materials_clearcoat": coat});
+        let (imported, warnings) = super::materials::read(&textured(json!({"extensions": extensions})));
+        (imported.material.clear_coat, warnings)
+    };
+    let coat = |factor, roughness| (ClearCoat { factor, roughness }, Vec::new());
+    assert_eq!(read(json!({"clearcoatFactor": 0.5, "clearcoatRoughnessFactor": 0.25})), coat(0.5, 0.25));
+    assert_eq!(read(json!({"clearcoatFactor": 1})), coat(1.0, 0.0));
+    assert_eq!(read(json!({"clearcoatRoughnessFactor": 0.5})), coat(0.0, 0.5));
+    assert_eq!(read(json!({"clearcoatFactor": 5, "clearcoatRoughnessFactor": []})), coat(1.0, 0.0));
+    let texture = json!({"index": 0});
+    let (mapped, warnings) = read(json!({"clearcoatFactor": 1, "clearcoatTexture": texture,
+        "clearcoatRoughnessTexture": texture, "clearcoatNormalTexture": texture}));
+    assert_eq!(mapped.factor, 1.0);
+    let [warning] = &warnings[..] else { panic!("{warnings:?}") };
+    for left_out in ["clearcoatNormalTexture", "clearcoatRoughnessTexture", "clearcoatTexture"] {
+        assert!(warning.contains(&format!("KHR_materials_clearcoat.{left_out}")), "{warning}");
+    }
 }

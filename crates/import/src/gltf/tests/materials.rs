@@ -343,7 +343,7 @@ fn no_file_is_refused_for_its_materials() {
         model.json["extensionsUsed"] = json!([name]);
         model.json["extensionsRequired"] = json!([name]);
         let (_, warnings) = read(&model);
-        let understood = ["unlit", "emissive_strength", "ior", "specular", "punctual"]
+        let understood = ["unlit", "emissive_strength", "ior", "specular", "clearcoat", "punctual"]
             .iter()
             .any(|end| name.ends_with(end));
         assert_eq!(warnings.iter().any(|w| w.contains(name)), !understood, "{name}: {warnings:?}");
