@@ -505,7 +505,7 @@ class Reader:
             second = self.f("second", b.u8)
             alpha, u, v = second & 3, second >> 3 & 3, second >> 5 & 3
             third = self.f("third", b.u8) if alpha == 3 else alpha
-            ensure(third & 3 < 3 and third < 16 and u < 3 and v < 3, f"unknown flags of a material: {second}, {third}")
+            ensure(third & 3 < 3 and third < 32 and u < 3 and v < 3, f"unknown flags of a material: {second}, {third}")
             alpha = third & 3
             wraps = ["repeat", "clamp", "mirror"]
             material["alpha"] = ["opaque", "mask", "blend"][alpha]
@@ -518,6 +518,8 @@ class Reader:
                 material["specular"] = self.f("specular", lambda: [b.u8() for _ in range(4)])
             if third & 8:
                 material["clear_coat"] = self.f("clear_coat", lambda: [b.u8() for _ in range(2)])
+            if third & 16:
+                material["transmission"] = self.f("transmission", b.u8)
         return material
 
     def texture(self):

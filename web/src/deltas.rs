@@ -217,6 +217,7 @@ fn material(material: &Material) -> JsValue {
         Wrap::Clamp => "clamp".into(),
         Wrap::Mirror => "mirror".into(),
     };
+    let [red, green, blue, _] = material.base_color;
     let (alpha, cutoff) = match material.alpha {
         Alpha::Opaque => ("opaque", 0.0),
         Alpha::Mask(cutoff) => ("mask", cutoff),
@@ -224,7 +225,7 @@ fn material(material: &Material) -> JsValue {
     };
     fields([
         ("name", material.name.as_str().into()),
-        ("baseColor", list(&material.base_color)),
+        ("baseColor", list(&[red, green, blue, material.plain_opacity()])),
         ("roughness", material.roughness.into()),
         ("metallic", material.metallic.into()),
         ("emission", list(&material.emission)),

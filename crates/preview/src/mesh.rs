@@ -67,7 +67,7 @@ impl PreviewMesh {
         let mut groups = Vec::new();
         for material in 0..mesh.material_count() {
             let look = description.materials.get(usize::from(material)).unwrap_or(&plain);
-            if matches!(look.alpha, Alpha::Blend) && look.base_color[3] < MIN_OPACITY {
+            if matches!(look.alpha, Alpha::Blend) && look.plain_opacity() < MIN_OPACITY {
                 continue;
             }
             // Slots without a face have equal corners.

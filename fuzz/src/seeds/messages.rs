@@ -7,8 +7,8 @@ use lodestream_protocol::message::{
 use lodestream_protocol::stream::blob_head;
 use lodestream_scene::animation::AnimationTable;
 use lodestream_scene::asset::{
-    Alpha, AssetDescription, Material, NORMAL_PLANES, TextureFormat, TextureInfo, TextureKind, TextureLevel,
-    Wrap,
+    Alpha, AssetDescription, ClearCoat, Material, NORMAL_PLANES, Specular, TextureFormat, TextureInfo,
+    TextureKind, TextureLevel, Wrap,
 };
 use lodestream_scene::blob::BlobId;
 use lodestream_scene::description::{AssetEntry, Camera, Instance, SceneHeader, SceneLighting, ScenePage};
@@ -156,9 +156,16 @@ pub(super) fn messages() -> Vec<(String, Vec<u8>)> {
         relief_depth: 0.125,
         ..Material::default()
     };
+    let layered = Material {
+        alpha: Alpha::Blend,
+        specular: Specular { f0: [0.5, 0.25, 0.125], f90: 0.5 },
+        clear_coat: ClearCoat { factor: 1.0, roughness: 0.25 },
+        transmission: 0.75,
+        ..Material::default()
+    };
     let kinds = [TextureKind::Color, TextureKind::Surface, TextureKind::Normal, TextureKind::Height];
     let description = AssetDescription {
-        materials: vec![full, Material { alpha: Alpha::Blend, ..Material::default() }],
+        materials: vec![full, Material { alpha: Alpha::Blend, ..Material::default() }, layered],
         textures: kinds.map(texture).into(),
         ..AssetDescription::default()
     };

@@ -26,6 +26,18 @@ const BISECTION: &str = "relief_bisection.wgsl";
 const SEARCHES: &str = "relief_methods.wgsl";
 const STEPS: &str = "relief_steps.wgsl";
 
+/// Triangles with a clear coat, one of which transmits light.
+const LACQUER: &str = r#"{"asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0, 1]}],
+"nodes": [{"mesh": 0}, {"mesh": 1, "translation": [0, 0, 1]}],
+"meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "material": 0}]},
+    {"primitives": [{"attributes": {"POSITION": 0}, "material": 1}]}],
+"materials": [{"extensions": {"KHR_materials_clearcoat": {"clearcoatFactor": 1}}},
+    {"extensions": {"KHR_materials_clearcoat": {"clearcoatFactor": 1},
+        "KHR_materials_transmission": {"transmissionFactor": 1}}}],
+"accessors": [{"bufferView": 0, "componentType": 5126, "type": "VEC3", "count": 3, "min": [0, 0, 0], "max": [1, 1, 0]}],
+"bufferViews": [{"buffer": 0, "byteLength": 36}],
+"buffers": [{"uri": "data:application/octet-stream;base64,AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAA", "byteLength": 36}]}"#;
+
 /// Small: only the modules matter.
 const SIZE_PX: [u32; 2] = [64, 36];
 
@@ -72,15 +84,19 @@ fn file(name: &str) -> String {
     std::fs::read_to_string(folder.join(name)).unwrap()
 }
 
-/// The small scene, or a pane of glass.
-fn scenes() -> [Vec<Change>; 2] {
+/// The small scene, a pane of glass, or lacquered triangles, one of which transmits light.
+fn scenes() -> [Vec<Change>; 3] {
     let folder = tempfile::tempdir().unwrap();
+    let lacquer = folder.path().join("lacquer.gltf");
+    std::fs::write(&lacquer, LACQUER).unwrap();
     let path = folder.path().join("pane.obj");
     std::fs::write(&path, "mtllib pane.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl glass\nf 1 2 3\n").unwrap();
     std::fs::write(folder.path().join("pane.mtl"), "newmtl glass\nKd 1 1 1\nd 0.5\n").unwrap();
-    let scene = of_files(&[path]).unwrap();
-    let glass = TestScene::open(&scene, prepare_all(&scene, &folder.path().join("cache"))).whole();
-    [TestScene::small().whole(), glass]
+    let [glass, lacquer] = [path, lacquer].map(|path| {
+        let scene = of_files(&[path]).unwrap();
+        TestScene::open(&scene, prepare_all(&scene, &folder.path().join("cache"))).whole()
+    });
+    [TestScene::small().whole(), glass, lacquer]
 }
 
 /// Compiles and draws with all settings.

@@ -533,8 +533,8 @@ fn material(material: &Material) -> Value {
     if let Some(texture) = material.emission_texture {
         value["emission_texture"] = json!(texture);
     }
-    let Material { alpha, unlit, flat, wrap, specular, clear_coat, .. } = material;
-    let has_third = !specular.is_usual() || !clear_coat.is_none();
+    let Material { alpha, unlit, flat, wrap, specular, clear_coat, transmission, .. } = material;
+    let has_third = !specular.is_usual() || !clear_coat.is_none() || *transmission > 0.0;
     if (*alpha, *unlit, *flat, *wrap) != (Alpha::Opaque, false, false, [Wrap::Repeat; 2]) || has_third {
         let wrap = |wrap| match wrap {
             Wrap::Repeat => "repeat",
@@ -558,6 +558,9 @@ fn material(material: &Material) -> Value {
         if !clear_coat.is_none() {
             let both = [clear_coat.factor, clear_coat.roughness];
             value["clear_coat"] = json!(both.map(|share| (share * 255.0).round() as u8));
+        }
+        if *transmission > 0.0 {
+            value["transmission"] = json!((transmission * 255.0).round() as u8);
         }
     }
     value

@@ -140,7 +140,7 @@ pub(super) fn corners(
 
 /// Share of a material's surface that is opaque.
 fn coverage(material: &Material, texture: Option<&Texels>) -> f64 {
-    let own = f64::from(material.base_color[3]);
+    let own = f64::from(material.plain_opacity());
     match material.alpha {
         Alpha::Opaque => 1.0,
         Alpha::Blend => own * texture.map_or(1.0, |texture| texture.mean[3]),

@@ -14,6 +14,7 @@ use gltf::json;
 use super::pose;
 use super::root::{
     CLEAR_COAT, COMPRESSED_VIEWS, DRACO, IOR, Root, SPECULAR, TEXTURE_AVIF, TEXTURE_BASISU, TEXTURE_WEBP,
+    TRANSMISSION,
 };
 use crate::beside::Beside;
 use crate::content::{Content, OpenFile};
@@ -21,7 +22,7 @@ use crate::error::ImportError;
 use crate::file::{MAX_FILE_BYTES, read_file};
 
 /// Extensions that a file may require, besides [`COMPRESSED_VIEWS`] and, with the feature `draco`, [`DRACO`].
-const SUPPORTED: [&str; 12] = [
+const SUPPORTED: [&str; 13] = [
     "EXT_mesh_gpu_instancing",
     TEXTURE_AVIF,
     TEXTURE_WEBP,
@@ -34,6 +35,7 @@ const SUPPORTED: [&str; 12] = [
     IOR,
     SPECULAR,
     CLEAR_COAT,
+    TRANSMISSION,
 ];
 
 fn supported(name: &str) -> bool {

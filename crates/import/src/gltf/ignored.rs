@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use super::container::Document;
 use super::lights;
-use super::root::{SPECULAR_GLOSSINESS, TRANSMISSION};
+use super::root::SPECULAR_GLOSSINESS;
 
 /// Number of occurrences of each ignored feature.
 #[derive(Default)]
@@ -27,7 +27,6 @@ impl Ignored {
         }
         for (name, materials) in document.unknown_extensions() {
             let instead = match name {
-                TRANSMISSION => " drawn as opacity unless it has a texture",
                 SPECULAR_GLOSSINESS => " drawn as metallic-roughness",
                 _ => "",
             };

@@ -13,10 +13,6 @@ use super::specular::{clear_coat, specular};
 use crate::error::ImportError;
 use crate::model::{Channel, Component, ImportedMaterial, MaterialMaps};
 
-/// Share of transmitted light that shows what is behind the surface, drawn as plain opacity without refraction or tint.
-/// A pane of `transmissionFactor` 1 keeps an opacity of 0.1, so that it stays visible.
-const TRANSMITTED_SHARE: f32 = 0.9;
-
 /// A material and the texture coordinates of its maps.
 #[derive(Clone, Debug)]
 pub(super) struct Converted {
@@ -230,8 +226,12 @@ fn alpha(source: &json::Material, material: &mut Material, maps: &mut Maps<'_, '
     let Some(transmission) = source.extensions.as_ref().and_then(|e| e.transmission.as_ref()) else { return };
     let factor = transmission.transmission_factor.0;
     // With a transmission texture, the factor alone would make the whole surface transparent.
-    if factor > 0.0 && transmission.transmission_texture.is_none() && material.alpha == Alpha::Opaque {
-        material.alpha = Alpha::Blend;
-        material.base_color[3] *= 1.0 - TRANSMITTED_SHARE * factor.min(1.0);
+    if factor <= 0.0 || transmission.transmission_texture.is_some() || material.unlit {
+        return;
+    }
+    if let Alpha::Mask(_) = material.alpha {
+        maps.warn("it has holes, so its transmission is left out");
+    } else {
+        (material.alpha, material.transmission) = (Alpha::Blend, factor.min(1.0));
     }
 }

@@ -26,11 +26,11 @@ pub(super) const TEXTURE_WEBP: &str = "EXT_texture_webp";
 pub(super) const TEXTURE_AVIF: &str = "EXT_texture_avif";
 pub(super) const TEXTURE_BASISU: &str = "KHR_texture_basisu";
 
-/// Extensions of materials that are approximated.
+/// The extension of materials that is approximated.
 pub(super) const SPECULAR_GLOSSINESS: &str = "KHR_materials_pbrSpecularGlossiness";
-pub(super) const TRANSMISSION: &str = "KHR_materials_transmission";
 
 /// Extensions of materials that are shown, but for their textures.
+pub(super) const TRANSMISSION: &str = "KHR_materials_transmission";
 pub(super) const IOR: &str = "KHR_materials_ior";
 pub(super) const SPECULAR: &str = "KHR_materials_specular";
 pub(super) const CLEAR_COAT: &str = "KHR_materials_clearcoat";
@@ -82,9 +82,11 @@ impl Root {
     pub(super) fn material_extensions(&self) -> BTreeMap<String, usize> {
         let mut counts = BTreeMap::new();
         for extensions in self.materials.iter().filter_map(|material| material.extensions.as_ref()) {
+            let transmission = extensions.transmission.as_ref();
+            let is_mapped = transmission.is_some_and(|of| of.transmission_texture.is_some());
             let parsed = [
                 (SPECULAR_GLOSSINESS, extensions.pbr_specular_glossiness.is_some()),
-                (TRANSMISSION, extensions.transmission.is_some()),
+                ("KHR_materials_transmission.transmissionTexture", is_mapped),
             ];
             let parsed = parsed.into_iter().filter(|(_, has)| *has).map(|(name, _)| name);
             for name in parsed.chain(extensions.others.keys().map(String::as_str)) {

@@ -18,12 +18,14 @@ pub struct Specular {
     pub coat_roughness: f64,
     /// The coat's normal, if it is not the surface's.
     pub coat_normal: Option<V3>,
+    /// Share of the base's light that is not transmitted.
+    pub base: f64,
 }
 
 impl Specular {
     /// Without extensions.
     pub const USUAL: Self =
-        Self { f0: [DIELECTRIC; 3], f90: 1.0, coat: 0.0, coat_roughness: 1.0, coat_normal: None };
+        Self { f0: [DIELECTRIC; 3], f90: 1.0, coat: 0.0, coat_roughness: 1.0, coat_normal: None, base: 1.0 };
 
     /// What stands in a G-buffer: `specular_of` of `brdf.wgsl`.
     #[must_use]
@@ -39,6 +41,7 @@ impl Specular {
             coat: share(coat, 0, 5),
             coat_roughness: 0.05 + 0.95 * share(coat, 5, 7),
             coat_normal: (coat >> 12 != 0xf_ffff).then(|| from_octahedral(place)),
+            base: 1.0,
         }
     }
 }
@@ -150,7 +153,8 @@ impl Reflector {
             let mixed = |a: f64, b: f64| a + (b - a) * self.metal;
             let reflectance = at(mixed(dielectric, albedo), mixed(f90, 1.0));
             let excess = (at(most, f90) - at(dielectric, f90)) * (1.0 - self.metal);
-            (1.0 - reflectance - excess) * albedo * (1.0 - self.metal) + reflectance * layer
+            let entering = (1.0 - reflectance - excess) * albedo * (1.0 - self.metal);
+            entering * self.specular.base + reflectance * layer
         })
     }
 

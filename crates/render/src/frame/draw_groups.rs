@@ -187,28 +187,30 @@ impl<'a> DrawGroups<'a> {
     }
 }
 
-/// Records the parts of one instance of a batch that `pipeline` has a pipeline for.
+/// Records the parts of one instance of a batch that `steps` has pipelines for, by each of them.
 pub(crate) fn draw_instance<'p>(
     batch: &Batch<'_>,
     instance: u32,
     pass: &mut wgpu::RenderPass<'_>,
     meshes: Meshes<'p>,
     counters: &mut Counters,
-    pipeline: impl Fn(&'p MeshPipelines, &BoundMaterial) -> Option<&'p wgpu::RenderPipeline>,
+    steps: impl Fn(&'p MeshPipelines, &BoundMaterial) -> Option<&'p [wgpu::RenderPipeline]>,
 ) {
     let Some((vertices, parts)) = batch.asset().draws() else { return };
     let one = instance..instance + 1;
     for (number, part) in parts.enumerate() {
         let listed = meshes.curved.filter(|(_, lists)| lists.has(instance, number));
         let pipelines = listed.map_or(meshes.plain, |(patches, _)| patches.meshes());
-        let Some(pipeline) = pipeline(pipelines, part.material) else { continue };
-        pass.set_pipeline(pipeline);
+        let Some(steps) = steps(pipelines, part.material) else { continue };
         pass.set_bind_group(1, &part.material.group, &[]);
-        counters.draws += 1;
-        counters.calls += 1;
-        counters.triangles += u64::from(part.faces);
+        counters.draws += steps.len() as u32;
+        counters.calls += steps.len() as u32;
+        counters.triangles += u64::from(part.faces) * steps.len() as u64;
         if let Some((_, lists)) = listed {
-            lists.draw(pass, instance, number);
+            for pipeline in steps {
+                pass.set_pipeline(pipeline);
+                lists.draw(pass, instance, number);
+            }
             continue;
         }
         pass.set_vertex_buffer(0, vertices.buffer().slice(..));
@@ -216,6 +218,9 @@ pub(crate) fn draw_instance<'p>(
         pass.set_index_buffer(part.indices.buffer().slice(..), wgpu::IndexFormat::Uint32);
         // As in [`crate::frame::placed::PartCall`].
         let first = (part.indices.first() * 3) as u32;
-        pass.draw_indexed(first..first + part.faces * 3, vertices.first() as i32, one.clone());
+        for pipeline in steps {
+            pass.set_pipeline(pipeline);
+            pass.draw_indexed(first..first + part.faces * 3, vertices.first() as i32, one.clone());
+        }
     }
 }

@@ -167,7 +167,7 @@ impl DrawList<'_> {
             for facing in 0..2 {
                 draw_instance(batch, instance, pass, meshes, counters, |pipelines, material| {
                     let of = material.features;
-                    of.blend.then(|| &pipelines.transparent(gpu, of, punctual_lights)[facing])
+                    of.blend.then(|| &pipelines.transparent(gpu, of, punctual_lights)[facing][..])
                 });
             }
         }

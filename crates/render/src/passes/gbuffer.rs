@@ -21,6 +21,9 @@ struct Fragment<'a> {
     targets: &'a [Option<wgpu::ColorTargetState>],
 }
 
+/// What is drawn over the picture for a facing, one after the other.
+pub(crate) type Steps = Vec<wgpu::RenderPipeline>;
+
 /// Rasterisation and depth state.
 #[derive(Clone, Copy)]
 struct Raster {
@@ -43,6 +46,12 @@ impl Raster {
 /// Additive blending.
 pub(crate) const ADD: wgpu::BlendState =
     blend(wgpu::BlendFactor::One, wgpu::BlendFactor::One, wgpu::BlendOperation::Add);
+
+/// Multiplies the colours of the picture.
+pub(crate) const MULTIPLY: wgpu::BlendState = wgpu::BlendState {
+    color: blend(wgpu::BlendFactor::Zero, wgpu::BlendFactor::Src, wgpu::BlendOperation::Add).color,
+    alpha: blend(wgpu::BlendFactor::Zero, wgpu::BlendFactor::One, wgpu::BlendOperation::Add).alpha,
+};
 
 impl GeometryPass<'_> {
     /// Pipeline into the G-buffer; takes the entry points of both stages and the override constants.
@@ -118,19 +127,23 @@ impl GeometryPass<'_> {
         self.pipeline(gpu, entry[0], Some(fragment), raster)
     }
 
-    /// Blends transparent faces over the picture: back faces first, then front faces.
+    /// Draws transparent faces over the picture by entry points of the fragment stage, each with its blending, one after
+    /// the other: back faces first, then front faces.
     pub(crate) fn transparent(
         &self,
         gpu: &Gpu,
-        entry: [&str; 2],
+        vertex: &str,
+        steps: &[(&str, wgpu::BlendState)],
         constants: &[(&str, f64)],
-    ) -> [wgpu::RenderPipeline; 2] {
-        let blend = Some(wgpu::BlendState::PREMULTIPLIED_ALPHA_BLENDING);
-        let targets = [Some(wgpu::ColorTargetState { blend, ..RADIANCE.into() })];
+    ) -> [Steps; 2] {
         [wgpu::Face::Front, wgpu::Face::Back].map(|cull| {
-            let fragment = Fragment { module: self.module, entry: entry[1], constants, targets: &targets };
-            let raster = Raster { cull: Some(cull), write: false, ..Raster::FILL };
-            self.pipeline(gpu, entry[0], Some(fragment), raster)
+            let step = |&(entry, blend): &(&str, wgpu::BlendState)| {
+                let targets = [Some(wgpu::ColorTargetState { blend: Some(blend), ..RADIANCE.into() })];
+                let fragment = Fragment { module: self.module, entry, constants, targets: &targets };
+                let raster = Raster { cull: Some(cull), write: false, ..Raster::FILL };
+                self.pipeline(gpu, vertex, Some(fragment), raster)
+            };
+            steps.iter().map(step).collect()
         })
     }
 

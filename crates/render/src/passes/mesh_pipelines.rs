@@ -2,7 +2,7 @@
 
 use std::sync::OnceLock;
 
-use crate::passes::gbuffer::{GeometryPass, shader};
+use crate::passes::gbuffer::{ADD, GeometryPass, MULTIPLY, Steps, shader};
 use crate::resources::descriptors::{
     buffer_binding, group_layout, layout_entry, pipeline_layout, texture_binding, wgsl,
 };
@@ -81,8 +81,9 @@ struct ForwardPipelines {
     layout: wgpu::PipelineLayout,
     /// Not needed by water, which shares `light`.
     module: OnceLock<wgpu::ShaderModule>,
-    /// By [`variant`], without alpha test; without and with specular reflection of their own.
-    pipelines: [[OnceLock<[wgpu::RenderPipeline; 2]>; VARIANTS]; 2],
+    /// By [`variant`], without alpha test; without and with specular reflection of their own, and twice that with
+    /// transmission.
+    pipelines: [[OnceLock<[Steps; 2]>; VARIANTS]; 4],
 }
 
 /// Variant of relief mapping, if it is not a linear search that keeps the mesh's depth.
@@ -226,14 +227,15 @@ impl MeshPipelines {
     }
 
     /// Override constants of a variant.
-    fn constants(&self, relief: bool, of: Features) -> [(&'static str, f64); 6] {
-        let Features { maps, mask, tiled, specular, .. } = of;
+    fn constants(&self, relief: bool, of: Features) -> [(&'static str, f64); 7] {
+        let Features { maps, mask, tiled, specular, transmits, .. } = of;
         [
             ("RELIEF", relief),
             ("MAPS", maps),
             ("MASK", mask),
             ("TILED", tiled),
             ("SPECULAR", specular),
+            ("TRANSMITS", transmits),
             ("SECTIONS", self.cut),
         ]
         .map(|(name, on)| (name, f64::from(u8::from(on))))
@@ -401,19 +403,20 @@ impl MeshPipelines {
     }
 
     /// Transparent surfaces over the lit picture: back faces, then front faces; with or without punctual lights.
-    pub(crate) fn transparent(
-        &self,
-        gpu: &Gpu,
-        material: Features,
-        punctual_lights: bool,
-    ) -> &[wgpu::RenderPipeline; 2] {
+    pub(crate) fn transparent(&self, gpu: &Gpu, material: Features, punctual_lights: bool) -> &[Steps; 2] {
         let lit = self.lit(gpu, punctual_lights);
         let material = Features { mask: false, ..material };
-        lit.pipelines[usize::from(material.specular)][variant(material)].get_or_init(|| {
+        let number = usize::from(material.specular) | usize::from(material.transmits) << 1;
+        lit.pipelines[number][variant(material)].get_or_init(|| {
             let constants = self.constants(false, material);
             let text = self.texts.transparent[usize::from(punctual_lights)];
             let module = lit.module.get_or_init(|| shader(gpu, "transparent", text));
-            self.pass_of(module, &lit.layout).transparent(gpu, ["vs_surface", "fs_transparent"], &constants)
+            let blended = wgpu::BlendState::PREMULTIPLIED_ALPHA_BLENDING;
+            let steps: &[_] = match material.transmits {
+                true => &[("fs_left", MULTIPLY), ("fs_transparent", ADD)],
+                false => &[("fs_transparent", blended)],
+            };
+            self.pass_of(module, &lit.layout).transparent(gpu, "vs_surface", steps, &constants)
         })
     }
 

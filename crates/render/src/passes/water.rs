@@ -7,7 +7,7 @@ use crate::frame::fullscreen::attachment;
 use crate::frame::graph::PassId;
 use crate::frame::targets::{DEPTH, RADIANCE};
 use crate::frame::timing::PassEncoder;
-use crate::passes::gbuffer::{ADD, shader};
+use crate::passes::gbuffer::{ADD, MULTIPLY, shader};
 use crate::passes::reflections::Tracer;
 use crate::resources::descriptors::{
     buffer_binding, group_layout, layout_entry, pipeline_layout, texture_binding, uniform_buffer, wgsl,
@@ -213,16 +213,7 @@ impl WaterPipelines {
         let module = shader(gpu, "water", if by_cells.is_some() { MIRRORING } else { WATER });
         let search = [("HI_Z", f64::from(u8::from(by_cells == Some(true))))];
         let constants: &[(&str, f64)] = if by_cells.is_some() { &search } else { &[] };
-        let component = |src_factor, dst_factor| wgpu::BlendComponent {
-            src_factor,
-            dst_factor,
-            operation: wgpu::BlendOperation::Add,
-        };
-        let multiply = wgpu::BlendState {
-            color: component(wgpu::BlendFactor::Zero, wgpu::BlendFactor::Src),
-            alpha: component(wgpu::BlendFactor::Zero, wgpu::BlendFactor::One),
-        };
-        let draws = [("fs_water_left", multiply), ("fs_water_added", ADD)].map(|(fragment, blend)| {
+        let draws = [("fs_water_left", MULTIPLY), ("fs_water_added", ADD)].map(|(fragment, blend)| {
             let target = wgpu::ColorTargetState { blend: Some(blend), ..RADIANCE.into() };
             gpu.render_pipeline(&wgpu::RenderPipelineDescriptor {
                 label: Some(fragment),

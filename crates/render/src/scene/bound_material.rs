@@ -129,6 +129,8 @@ pub(crate) struct Features {
     pub(crate) mask: bool,
     /// Transparency.
     pub(crate) blend: bool,
+    /// Transmission of light.
+    pub(crate) transmits: bool,
     /// Emission.
     pub(crate) emits: bool,
     /// Specular reflection that is not the usual, or a clear coat.
@@ -152,6 +154,7 @@ impl Features {
             maps: material.surface_texture.is_some() || material.normal_texture.is_some(),
             mask: matches!(material.alpha, Alpha::Mask(_)),
             blend: material.alpha == Alpha::Blend,
+            transmits: material.alpha == Alpha::Blend && !material.unlit && material.transmission > 0.0,
             emits: material.emits(),
             specular: !material.unlit && (!material.specular.is_usual() || !material.clear_coat.is_none()),
             tiled: false,

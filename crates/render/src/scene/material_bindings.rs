@@ -33,7 +33,8 @@ struct MaterialUniform {
     specular: u32,
     /// [`packed_coat`].
     coat: u32,
-    padding: [u32; 2],
+    transmission: f32,
+    padding: u32,
     /// Tiled maps: colour, surface, normal and emission.
     tiled: [TiledMap; 4],
 }
@@ -216,7 +217,8 @@ impl MaterialBindings {
             wrap: wrap[0] as u32 | (wrap[1] as u32) << 8,
             specular: u32::from_le_bytes(material.specular.bytes()),
             coat: packed_coat(material.clear_coat),
-            padding: [0; 2],
+            transmission: material.transmission.clamp(0.0, 1.0),
+            padding: 0,
             tiled,
         };
         // Acceleration textures assume a repeating map.

@@ -11,10 +11,11 @@ struct Specular {
     coat: f32, // share of the surface that it covers
     coat_roughness: f32,
     coat_normal: vec3<f32>,
+    base: f32, // share of the base's light that is not transmitted (KHR_materials_transmission)
 }
 
 const USUAL_SPECULAR: Specular = Specular(
-    vec3<f32>(DIELECTRIC, DIELECTRIC, DIELECTRIC), 1.0, 0.0, 1.0, vec3<f32>(0.0, 0.0, 1.0),
+    vec3<f32>(DIELECTRIC, DIELECTRIC, DIELECTRIC), 1.0, 0.0, 1.0, vec3<f32>(0.0, 0.0, 1.0), 1.0,
 );
 
 // Stands for the surface's normal in place of the coat's.
@@ -31,7 +32,7 @@ fn specular_of(packed: vec2<u32>, normal: vec3<f32>) -> Specular {
     if (place != COAT_FOLLOWS) {
         coat_normal = from_octahedral(vec2(f32(place & 1023u), f32(place >> 10u)) / 511.0 - 1.0);
     }
-    return Specular(stored.rgb * stored.rgb, stored.w, coat, roughness, coat_normal);
+    return Specular(stored.rgb * stored.rgb, stored.w, coat, roughness, coat_normal, 1.0);
 }
 
 struct Reflector {
@@ -120,7 +121,7 @@ fn base_from_light(r: Reflector, to_light: vec3<f32>, light: vec3<f32>) -> vec3<
     let risen = rise(dot(r.to_eye, half_way));
     let reflectance = specular.f0 + (specular.f90 - specular.f0) * risen;
     let taken = reflectance + tint_excess(r) * (1.0 - risen);
-    let base = (1.0 - taken) * r.albedo * (1.0 - r.metal);
+    let base = (1.0 - taken) * r.albedo * (1.0 - r.metal) * r.specular.base;
     let layer = reflectance * PI * microfacets(r.roughness, normal_half, normal_light, normal_eye);
     return light * normal_light * (base + layer);
 }
@@ -131,6 +132,19 @@ fn mirror_open(open: f32, normal_eye: f32, roughness: f32) -> f32 {
     return clamp(pow(normal_eye + open, exp2(-16.0 * roughness - 1.0)) - 1.0 + open, 0.0, 1.0);
 }
 
+// Share of a uniform sky's light that comes back from the base, or goes through it, of what enters.
+fn entering(r: Reflector, mirrored: vec3<f32>, share: vec2<f32>) -> vec3<f32> {
+    return (1.0 - mirrored - tint_excess(r) * share.x) * r.albedo * (1.0 - r.metal);
+}
+
+// What a thin wall transmits of what is seen through it.
+fn transmitted(r: Reflector) -> vec3<f32> {
+    let specular = mixed_specular(r);
+    let share = environment_brdf(clamp(dot(r.normal, r.to_eye), 1e-3, 1.0), r.roughness);
+    let mirrored = specular.f0 * share.x + specular.f90 * share.y;
+    return entering(r, mirrored, share) * (1.0 - specular.base) * (1.0 - coat_cover(r));
+}
+
 // Radiance towards the eye from the sky: what its mean makes of the base, and what it mirrors, split into a sum (Karis,
 // "Real shading in Unreal Engine 4", 2013).
 fn from_sky(r: Reflector) -> vec3<f32> {
@@ -138,7 +152,7 @@ fn from_sky(r: Reflector) -> vec3<f32> {
     let specular = mixed_specular(r);
     let share = environment_brdf(normal_eye, r.roughness);
     let mirrored = specular.f0 * share.x + specular.f90 * share.y;
-    let base = (1.0 - mirrored - tint_excess(r) * share.x) * r.albedo * (1.0 - r.metal);
+    let base = entering(r, mirrored, share) * specular.base;
     let seen = reflected(reflect(-r.to_eye, r.normal), r.roughness);
     let below = base * ambient(r.normal) * r.open + mirrored * seen * mirror_open(r.open, normal_eye, r.roughness);
     if (r.specular.coat <= 0.0) {

@@ -1,12 +1,13 @@
 // Writes the G-buffer: depth, world normal, roughness, occlusion, albedo and metalness.
 
-// Compiled in only for materials with a height map, a normal or surface map, alpha test, maps with tiled levels, or
-// specular reflection of their own, and with section planes.
+// Compiled in only for materials with a height map, a normal or surface map, alpha test, maps with tiled levels,
+// specular reflection of their own or transmission, and with section planes.
 override RELIEF: bool = false;
 override MAPS: bool = false;
 override MASK: bool = false;
 override TILED: bool = false;
 override SPECULAR: bool = false;
+override TRANSMITS: bool = false;
 override SECTIONS: bool = false;
 
 // A map with tiled levels (tiled.wgsl).
@@ -31,6 +32,7 @@ struct Material {
     wrap: u32, // of u, and of v from bit 8 on: 0 repeat, 1 clamp, 2 mirror
     specular: u32, // see specular_of() in brdf.wgsl
     coat: u32, // without its normal
+    transmission: f32,
     tiled: array<TiledMap, 4>, // colour, surface, normal, emission
 }
 

@@ -1,4 +1,4 @@
-//! Specular reflection of dielectrics and clear coats, against their integral.
+//! Specular reflection of dielectrics and clear coats against their integral, and transmission.
 
 use glam::DVec3;
 
@@ -7,7 +7,8 @@ use super::materials::{
 };
 use super::shapes::{asset, at, cube, quad, sphere};
 use super::{headless, keep};
-use crate::cpu_reference::brdf::{self, Reflector, from_octahedral};
+use crate::cpu_reference::brdf::{self, DIELECTRIC, Reflector, from_octahedral};
+use crate::cpu_reference::sky::{environment_brdf, split_sum};
 use crate::frame::graph::Resource;
 use crate::{
     Alpha, ClearCoat, Drawable, Environment, Frame, Headless, Material, PassId, Placement, PunctualLight,
@@ -202,4 +203,90 @@ fn a_coated_ball_has_a_sharper_highlight_than_a_rough_one() {
     };
     let ((coat, few), (rough, many)) = (highlight(0), highlight(96));
     assert!(coat > 3.0 * rough && few * 5 < many && few > 0, "{coat} {few}, {rough} {many}");
+}
+
+#[test]
+fn a_pane_tints_what_is_behind_it_and_keeps_its_reflections() {
+    let Some(mut h) = headless(16, 16) else { return };
+    let here = [Placement::default()];
+    let tint = [0.9, 0.5, 0.1];
+    let walls = [0.0, 1.0, 0.25].map(|grey| {
+        let material = Material { base_color: [grey, grey, grey, 1.0], unlit: true, ..Material::default() };
+        asset(&h, &square(-0.5), material)
+    });
+    let table = split_sum();
+    for (transmission, metallic, opacity) in
+        [(1.0_f32, 0.0_f32, 1.0_f32), (0.6, 0.0, 1.0), (1.0, 0.5, 1.0), (1.0, 0.0, 0.5)]
+    {
+        let pane = Material {
+            base_color: [tint[0], tint[1], tint[2], opacity],
+            roughness: 0.3,
+            metallic,
+            alpha: Alpha::Blend,
+            transmission,
+            ..Material::default()
+        };
+        let pane = asset(&h, &square(0.0), pane);
+        let to_sun = DVec3::new(0.05, 0.1, 1.0);
+        let shown = [0, 1, 2].map(|wall: usize| {
+            let drawables = [&pane, &walls[wall]].map(|asset| Drawable { asset, instances: &here });
+            let environment = Environment { to_sun, ..of_light(1.0, 0.0) };
+            h.frame(&Frame { environment, settings: bare(), ..Frame::new(front(), &drawables) }).unwrap();
+            middle(&h, Resource::Radiance)
+        });
+        // Nearly straight on.
+        let at = DVec3::new(1.0, -1.0, 0.0) * (2.0 * (0.3_f64).tan() / 16.0);
+        let to_eye = (DVec3::new(0.0, 0.0, 2.0) - at).normalize();
+        let [factor, added] = environment_brdf(&table, to_eye.z, 0.3);
+        let albedo = tint.map(f64::from);
+        let [metal, transmission, opacity] = [metallic, transmission, opacity].map(f64::from);
+        let specular = brdf::Specular { base: 1.0 - transmission, ..brdf::Specular::USUAL };
+        let (normal, to_eye) = ([0.0, 0.0, 1.0], to_eye.to_array());
+        let reflector = Reflector { albedo, metal, roughness: 0.3, normal, to_eye, specular };
+        let own = reflector.from_light(to_sun.normalize().to_array(), [1.0; 3]);
+        for c in 0..3 {
+            let f0 = DIELECTRIC + (albedo[c] - DIELECTRIC) * metal;
+            let left = transmission * albedo[c] * (1.0 - metal) * (1.0 - f0 * factor - added);
+            let left = 1.0 - opacity * (1.0 - left);
+            let [black, white, grey] = shown.map(|shown| shown[c]);
+            assert!((white - black - left).abs() < 4e-3, "{transmission} {metal}: {shown:?} {left}");
+            assert!((grey - black - 0.25 * left).abs() < 4e-3, "{transmission} {metal}: {shown:?} {left}");
+            let want = own[c] * opacity;
+            assert!((black - want).abs() < 0.01 * want + 4e-3, "{transmission} {metal}: {shown:?} {own:?}");
+        }
+    }
+}
+
+#[test]
+fn materials_of_glass_lacquer_and_gems_for_looking_at() {
+    let Some(mut h) = headless(640, 240) else { return };
+    let colour = |base_color: [f32; 3], roughness| Material {
+        base_color: [base_color[0], base_color[1], base_color[2], 1.0],
+        roughness,
+        ..Material::default()
+    };
+    let glass =
+        |base_color, transmission| Material { alpha: Alpha::Blend, transmission, ..colour(base_color, 0.05) };
+    let materials = [
+        colour([0.6, 0.02, 0.02], 0.5),
+        Material { clear_coat: ClearCoat { factor: 1.0, roughness: 0.03 }, ..colour([0.6, 0.02, 0.02], 0.5) },
+        Material { specular: Specular { f0: [0.17; 3], f90: 1.0 }, ..colour([0.05, 0.1, 0.3], 0.1) },
+        Material { specular: Specular { f0: [0.0; 3], f90: 0.0 }, ..colour([0.05, 0.1, 0.3], 0.1) },
+        glass([1.0; 3], 1.0),
+        glass([0.9, 0.3, 0.3], 1.0),
+        Material { clear_coat: ClearCoat { factor: 1.0, roughness: 0.1 }, ..glass([0.3, 0.9, 0.4], 0.7) },
+    ];
+    let balls = materials.map(|material| asset(&h, &sphere(64), material));
+    let stripes: Vec<_> =
+        (0..9).map(|i| quad([-4.0 + i as f32, -2.0, -1.2], [0.5, 0.0, 0.0], [0.0, 4.0, 0.0], 1.0)).collect();
+    let stripes = asset(&h, &super::shapes::join(&stripes), colour([0.8, 0.75, 0.6], 0.9));
+    let places: Vec<_> = (0..7).map(|i| [at(f64::from(i) * 1.05 - 3.15, 0.0, 0.0, 1.0)]).collect();
+    let here = [Placement::default()];
+    let mut drawables: Vec<_> =
+        balls.iter().zip(&places).map(|(asset, instances)| Drawable { asset, instances }).collect();
+    drawables.push(Drawable { asset: &stripes, instances: &here });
+    let camera = crate::Pose::look_at(DVec3::new(0.0, 0.6, 7.0), DVec3::ZERO, DVec3::Y, 0.42);
+    let passes = h.frame(&Frame::new(camera, &drawables)).unwrap().passes;
+    keep(&h, "glass-lacquer-gems");
+    assert!(passes.contains(&PassId::Specular) && passes.contains(&PassId::Transparency));
 }

@@ -28,6 +28,9 @@ pub struct Material {
     pub specular: Specular,
     /// A coat over all of it but its emission.
     pub clear_coat: ClearCoat,
+    /// Share of what enters its base that a thin wall lets through, tinted by the base colour (`KHR_materials_transmission`),
+    /// in 0..=1; kept in steps of 1/255. 0 unless it is blended.
+    pub transmission: f32,
     /// Emitted light, linear RGB, each in 0..=[`MAX_EMISSION`]. Multiplies the emission
     /// texture, if any.
     pub emission: [f32; 3],
@@ -89,6 +92,7 @@ impl Default for Material {
             metallic: 0.0,
             specular: Specular::default(),
             clear_coat: ClearCoat::default(),
+            transmission: 0.0,
             emission: [0.0; 3],
             alpha: Alpha::Opaque,
             unlit: false,
@@ -116,6 +120,13 @@ impl Material {
             self.height_texture,
         ];
         all.into_iter().flatten()
+    }
+
+    /// Opacity for pictures that show transmission as plain opacity, without refraction or tint. Full transmission leaves a
+    /// tenth, so that a pane stays visible.
+    #[must_use]
+    pub fn plain_opacity(&self) -> f32 {
+        self.base_color[3] * (1.0 - 0.9 * self.transmission)
     }
 
     /// Whether it emits light; an unlit material does not.
@@ -155,7 +166,8 @@ mod more {
 mod third {
     pub(super) const SPECULAR: u8 = 4;
     pub(super) const CLEAR_COAT: u8 = 8;
-    pub(super) const ALL: u8 = 15;
+    pub(super) const TRANSMISSION: u8 = 16;
+    pub(super) const ALL: u8 = 31;
 }
 
 fn wrap_bits(wrap: Wrap) -> u8 {
@@ -186,8 +198,11 @@ impl Material {
 
     /// `None` without any field that it tells of.
     fn third_byte(&self) -> Option<u8> {
-        let present =
-            [(third::SPECULAR, !self.specular.is_usual()), (third::CLEAR_COAT, !self.clear_coat.is_none())];
+        let present = [
+            (third::SPECULAR, !self.specular.is_usual()),
+            (third::CLEAR_COAT, !self.clear_coat.is_none()),
+            (third::TRANSMISSION, to_u8(self.transmission) > 0),
+        ];
         let present: u8 = present.iter().map(|&(bit, is)| if is { bit } else { 0 }).sum();
         (present > 0).then(|| present | self.alpha_bits())
     }
@@ -262,6 +277,9 @@ impl Encode for Material {
             if !self.clear_coat.is_none() {
                 self.clear_coat.encode(writer)?;
             }
+            if to_u8(self.transmission) > 0 {
+                to_u8(self.transmission).encode(writer)?;
+            }
         }
         Ok(())
     }
@@ -319,6 +337,9 @@ impl Decode for Material {
             }
             if third & third::CLEAR_COAT != 0 {
                 this.clear_coat = ClearCoat::decode(reader)?;
+            }
+            if third & third::TRANSMISSION != 0 {
+                this.transmission = from_u8(u8::decode(reader)?);
             }
             if this.third_byte() != has_third.then_some(third) {
                 return Err(CodingError::value("a material flags what it has not"));

@@ -144,6 +144,9 @@ pub enum DescriptionError {
     /// A scale that is not from 0 to [`MAX_NORMAL_SCALE`].
     #[error("a normal map's scale is not from 0 to {MAX_NORMAL_SCALE}")]
     NormalScale,
+    /// Transmission of a material that is not blended.
+    #[error("a material transmits light but is not blended")]
+    Transmission,
     /// At least one, at most [`MAX_TEXTURE_LEVELS`].
     #[error("a texture has no level, or too many")]
     LevelCount,
@@ -217,6 +220,8 @@ impl AssetDescription {
             let lit = material.emission.iter().all(|light| (0.0..=MAX_EMISSION).contains(light));
             ensure(lit, DescriptionError::Emission)?;
             ensure((0.0..=MAX_NORMAL_SCALE).contains(&material.normal_scale), DescriptionError::NormalScale)?;
+            let may_transmit = material.alpha == Alpha::Blend || material.transmission == 0.0;
+            ensure(may_transmit, DescriptionError::Transmission)?;
             ensure(
                 material.relief_depth.is_finite() && material.relief_depth >= 0.0,
                 DescriptionError::ReliefDepth,
@@ -359,12 +364,13 @@ mod tests {
 
     #[test]
     fn all_material_fields_round_trip() {
-        let fields: [fn(&mut Material); 13] = [
+        let fields: [fn(&mut Material); 14] = [
             |m| m.metallic = 0.0,
             |m| m.specular = Specular::default(),
             |m| m.clear_coat = ClearCoat::default(),
             |m| m.emission = [0.0; 3],
             |m| m.alpha = Alpha::Blend,
+            |m| (m.alpha, m.transmission) = (Alpha::Blend, 0.4),
             |m| m.unlit = false,
             |m| m.flat = false,
             |m| m.wrap = [Wrap::Repeat, Wrap::Mirror],
@@ -402,6 +408,7 @@ mod tests {
         refused(|m| m.emission[1] = f32::NAN, DescriptionError::Emission);
         refused(|m| m.emission[2] = 2.0 * MAX_EMISSION, DescriptionError::Emission);
         refused(|m| m.normal_scale = -1.0, DescriptionError::NormalScale);
+        refused(|m| m.transmission = 0.5, DescriptionError::Transmission);
         refused(|m| m.emission_texture = Some(2), DescriptionError::MissingTexture);
         // On the wire: mask and blend together, an unknown wrap mode, an invalid flag for metal.
         let plain =
@@ -420,9 +427,10 @@ mod tests {
             assert!(with(first, &[last]).is_err(), "{first} {last}");
         }
         // A third byte: of nothing, unknown, mask and blend together, of the usual specular, of a coat that covers
-        // nothing, of less than it says.
+        // nothing, of transmission that is none or not blended, of less than it says.
         assert!(
             with(128, &[3, 12, 1, 2, 3, 4, 5, 6]).is_ok()
+                && with(128, &[3, 18, 9]).is_ok()
                 && with(128, &[3, 4, 1, 2, 3, 4]).is_ok()
                 && with(128, &[3, 5, 9, 1, 2, 3, 4]).is_ok()
         );
@@ -433,6 +441,8 @@ mod tests {
             &[3, 7, 1, 2, 3, 4],
             &[3, 4, 51, 51, 51, 255],
             &[3, 8, 0, 9],
+            &[3, 18, 0],
+            &[3, 16, 9],
             &[3, 4, 1],
         ] {
             assert!(with(128, last).is_err(), "{last:?}");

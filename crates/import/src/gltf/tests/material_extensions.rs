@@ -1,6 +1,6 @@
 //! Extensions of materials: what is shown of them, and the warning of the rest.
 
-use lodestream_scene::asset::{ClearCoat, Specular};
+use lodestream_scene::asset::{Alpha, ClearCoat, Specular};
 use serde_json::{Value, json};
 
 use super::Model;
@@ -17,8 +17,7 @@ fn extensions_of_materials_that_are_left_out_are_named_once_with_the_number_of_m
     // Listed or not.
     model.json["extensionsUsed"] = json!(["KHR_materials_ior", "KHR_materials_transmission"]);
     let [warning] = &model.read().unwrap().warnings[..] else { panic!() };
-    let expected = "ignored: extension KHR_materials_sheen (2), extension KHR_materials_transmission drawn as \
-                    opacity unless it has a texture, extension KHR_materials_volume";
+    let expected = "ignored: extension KHR_materials_sheen (2), extension KHR_materials_volume";
     assert!(warning.ends_with(expected), "{warning}");
 }
 
@@ -81,4 +80,19 @@ fn clear_coats_keep_their_factors_and_leave_their_textures_out() {
     for left_out in ["clearcoatNormalTexture", "clearcoatRoughnessTexture", "clearcoatTexture"] {
         assert!(warning.contains(&format!("KHR_materials_clearcoat.{left_out}")), "{warning}");
     }
+}
+
+#[test]
+fn transmission_is_left_out_by_holes_and_where_a_texture_has_it() {
+    let read = |more: Value| {
+        let mut material = json!({"extensions": {"KHR_materials_transmission": more}});
+        material["alphaMode"] = json!("MASK");
+        super::materials::read(&textured(material))
+    };
+    let (imported, warnings) = read(json!({"transmissionFactor": 1}));
+    assert_eq!((imported.material.alpha, imported.material.transmission), (Alpha::Mask(0.5), 0.0));
+    assert!(warnings[0].contains("its transmission is left out"), "{warnings:?}");
+    let (_, warnings) = read(json!({"transmissionFactor": 1, "transmissionTexture": {"index": 0}}));
+    let [warning] = &warnings[..] else { panic!("{warnings:?}") };
+    assert!(warning.ends_with("extension KHR_materials_transmission.transmissionTexture"), "{warning}");
 }

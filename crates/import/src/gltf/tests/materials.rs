@@ -343,25 +343,26 @@ fn no_file_is_refused_for_its_materials() {
         model.json["extensionsUsed"] = json!([name]);
         model.json["extensionsRequired"] = json!([name]);
         let (_, warnings) = read(&model);
-        let understood = ["unlit", "emissive_strength", "ior", "specular", "clearcoat", "punctual"]
-            .iter()
-            .any(|end| name.ends_with(end));
+        let understood =
+            ["unlit", "emissive_strength", "ior", "specular", "clearcoat", "transmission", "punctual"]
+                .iter()
+                .any(|end| name.ends_with(end));
         assert_eq!(warnings.iter().any(|w| w.contains(name)), !understood, "{name}: {warnings:?}");
     }
 }
 
 #[test]
-fn transmission_becomes_transparency_and_glossiness_inverse_roughness() {
+fn transmission_makes_thin_glass_and_glossiness_inverse_roughness() {
     let glass = |more: Value| {
         let (ImportedMaterial { material, .. }, _) =
             read(&textured(json!({"extensions": {"KHR_materials_transmission": more}})));
-        (material.alpha, material.base_color[3])
+        (material.alpha, material.transmission)
     };
-    let (alpha, opacity) = glass(json!({"transmissionFactor": 0.5}));
-    assert_eq!((alpha, (opacity - 0.55).abs() < 1e-6), (Alpha::Blend, true));
-    assert_eq!(glass(json!({})), (Alpha::Opaque, 1.0));
+    assert_eq!(glass(json!({"transmissionFactor": 0.5})), (Alpha::Blend, 0.5));
+    assert_eq!(glass(json!({"transmissionFactor": 3})), (Alpha::Blend, 1.0));
+    assert_eq!(glass(json!({})), (Alpha::Opaque, 0.0));
     let mapped = json!({"transmissionFactor": 1, "transmissionTexture": {"index": 0}});
-    assert_eq!(glass(mapped), (Alpha::Opaque, 1.0), "where it is transparent is not known");
+    assert_eq!(glass(mapped), (Alpha::Opaque, 0.0), "where it is transparent is not known");
     let glossy =
         |more: Value| read(&textured(json!({"extensions": {"KHR_materials_pbrSpecularGlossiness": more}}))).0;
     let painted = glossy(json!({"diffuseFactor": [0.5, 0, 0, 1], "glossinessFactor": 0.75,
