@@ -443,7 +443,7 @@ class Reader:
             self.numbers("uv step", b.f64, 2)
         falls = [shifts[1 + k // 2] >> 4 * (k % 2) & 15 for k in range(levels)]
         base = {
-            "position_bits": bits & 63,
+            "position_bits": bits & 31,
             "codec": {0: "range", 128: "zstd", 192: "axis-aligned"}[bits & 192],
             "uv_bits": kinds & 31,
             "colors": kinds & 64 != 0,

@@ -97,7 +97,8 @@ fn check(viewer: &mut Viewer, name: &str) {
         animations.clips().into_iter().map(|clip| (clip.name, clip.duration_s)).collect();
     assert_eq!(clips, [("lift".to_owned(), 2.0)], "{name}");
     let moved: BTreeMap<u32, Placement> = animations
-        .transforms(&lift())
+        .moved(Some(&lift()))
+        .instances
         .into_iter()
         .map(|(number, transform)| (number, transform.within(&instances[number as usize].placement)))
         .collect();

@@ -90,6 +90,7 @@ mod settled;
 #[cfg(test)]
 mod silence;
 #[cfg(test)]
+mod skins;
 mod static_host;
 #[cfg(test)]
 mod stores;

@@ -72,7 +72,7 @@ pub(crate) fn run(args: &Args, target: Target) -> anyhow::Result<Outcome> {
     let mut headless = Headless::new(Gpu::headless()?, width, height)?;
     headless.time_passes(args.stats.is_some());
     let mut scene = SceneView::new();
-    scene.animate(animation::moment(args));
+    scene.animate(headless.gpu(), animation::moment(args))?;
     scene.set_vertical_exaggeration(args.ground_heights, 0.0, 0.0)?;
     let clock = streaming.clock();
     let deadline = args.timeout.map_or(DEFAULT_TIMEOUT, |t| t.0);

@@ -250,6 +250,7 @@ fn vertex(bytes: &[u8]) -> Vertex {
             color: word(12),
             smooth: flags & 1 == 1,
             part: flags >> PART_SHIFT,
+            skin: Default::default(),
         },
         birth_s: number(11),
         level: flags >> 1 & MAX_LEVEL,

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use glam::DVec3;
+use lodestream_scene::animation::{Moved, SkinPose};
 use lodestream_scene::parts::{PartTransform, ScenePart};
 use lodestream_scene::placement::Placement;
 
@@ -11,6 +12,8 @@ use lodestream_scene::placement::Placement;
 pub(super) struct MovedParts {
     parts: BTreeMap<u32, BTreeMap<u32, PartTransform>>,
     instances: BTreeMap<u32, PartTransform>,
+    /// Poses of instances whose vertices follow joints, with the similarities that hold them.
+    poses: BTreeMap<u32, (SkinPose, Vec<PartTransform>)>,
 }
 
 impl MovedParts {
@@ -22,9 +25,16 @@ impl MovedParts {
         }
     }
 
-    /// Sets the instances that are moved, with their parts.
-    pub(super) fn set_instances(&mut self, instances: BTreeMap<u32, PartTransform>) {
+    /// Sets the instances that an animation moves, with their parts.
+    pub(super) fn set_animated(&mut self, Moved { instances, skins }: Moved) {
         self.instances = instances;
+        let posed = skins.into_iter();
+        self.poses = posed.map(|(instance, pose)| (instance, (pose.clone(), pose.similarities()))).collect();
+    }
+
+    /// The pose of an instance whose vertices follow joints.
+    pub(super) fn pose(&self, instance: u32) -> Option<&SkinPose> {
+        self.poses.get(&instance).map(|(pose, _)| pose)
     }
 
     /// Whether anything of an instance is moved.
@@ -41,12 +51,13 @@ impl MovedParts {
         }
     }
 
-    /// All transforms of an instance: that of the whole first.
+    /// All transforms of an instance: that of the whole first; of one with a pose, those that hold it.
     fn of(&self, instance: u32) -> impl Iterator<Item = PartTransform> {
         let whole = self.instances.get(&instance).copied();
         let parts = self.parts.get(&instance).into_iter().flat_map(BTreeMap::values);
         let moved = move |own: &PartTransform| whole.map_or(*own, |whole| whole.after(own));
-        whole.into_iter().chain(parts.map(moved))
+        let joints = self.poses.get(&instance).into_iter().flat_map(|(_, joints)| joints).copied();
+        whole.into_iter().chain(parts.map(moved)).chain(joints)
     }
 
     /// A sphere about an instance, of which `sphere` is in units of its asset: centre and radius in the world.
@@ -58,7 +69,8 @@ impl MovedParts {
 
     /// Each transform once for each instance.
     pub(super) fn distinct(&self) -> Vec<(u32, PartTransform)> {
-        let mut instances: Vec<u32> = self.parts.keys().chain(self.instances.keys()).copied().collect();
+        let of_clips = self.instances.keys().chain(self.poses.keys());
+        let mut instances: Vec<u32> = self.parts.keys().chain(of_clips).copied().collect();
         instances.sort_unstable();
         instances.dedup();
         let of = |instance: u32| {

@@ -1,7 +1,9 @@
 //! Which part of the scene a ray meets, and where parts are: from the meshes that are drawn, without a request.
 
 use glam::DVec3;
+use lodestream_geometry::mesh::skin::Skin;
 use lodestream_geometry::refine::ActiveMesh;
+use lodestream_scene::animation::SkinPose;
 use lodestream_scene::description::Instance;
 use lodestream_scene::parts::ScenePart;
 use lodestream_scene::placement::Placement;
@@ -218,7 +220,9 @@ impl ClientCore {
         let skip = |number| is_hidden(part(number));
         let ray = |from: DVec3, along: DVec3| [(from - own).to_array(), along.to_array()];
         let still = ray(from, along);
-        let hit = if self.moved.moves(number) {
+        let hit = if let Some(pose) = self.moved.pose(number) {
+            mesh.cast_ray_posed(still, farthest, skip, |skin, place| posed(pose, own, skin, place))
+        } else if self.moved.moves(number) {
             let ray = |number: u32| {
                 let moved = self.moved.transform(part(number));
                 moved.map_or(still, |to| ray(to.undo(from), to.undo_direction(along)))
@@ -242,7 +246,9 @@ impl ClientCore {
         let own = DVec3::from(mesh.grid().origin);
         let moved = self.moved.transform(part);
         let corners = || {
-            let of_asset = mesh.part_corners(of_mesh).map(|at| own + DVec3::from(at));
+            let pose = self.moved.pose(part.instance);
+            let at = move |skin, place| pose.map_or(place, |pose| posed(pose, own, skin, place));
+            let of_asset = mesh.part_corners(of_mesh, at).map(|at| own + DVec3::from(at));
             of_asset.map(|at| placement.to_world(moved.map_or(at, |to| to.apply(at))))
         };
         let extent = corners().fold(None, |extent: Option<[DVec3; 2]>, at| {
@@ -316,6 +322,11 @@ impl ClientCore {
         let instance = self.scene.instances().all().get(instance as usize)?;
         Some((instance, self.mesh(instance.asset)?))
     }
+}
+
+/// Where a pose takes a vertex of a mesh whose places are relative to `origin`.
+fn posed(pose: &SkinPose, origin: DVec3, skin: Skin, place: [f64; 3]) -> [f64; 3] {
+    (pose.apply(skin.influences(), origin + DVec3::from(place)) - origin).to_array()
 }
 
 /// Distance at which a ray of unit direction enters a sphere, 0 inside it; `None` if it misses.

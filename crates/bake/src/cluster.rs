@@ -5,6 +5,7 @@
 use std::collections::{HashMap, HashSet};
 
 use glam::DVec3;
+use lodestream_geometry::mesh::skin::Skin;
 use lodestream_geometry::mesh::{Corner, NONE, SourceMesh};
 
 /// Most cells along an axis: three numbers of a cell fit into 63 bits.
@@ -83,6 +84,8 @@ struct Cluster {
     sum: DVec3,
     color: [u64; 4],
     corners: u32,
+    /// That of its first corner.
+    skin: Skin,
 }
 
 fn at_spacing(mesh: &SourceMesh, grid: Grid) -> SourceMesh {
@@ -102,7 +105,8 @@ fn at_spacing(mesh: &SourceMesh, grid: Grid) -> SourceMesh {
             let at = match *known {
                 Some((of, at)) if of == part => at,
                 _ => *numbers.entry((part, grid.cell(point))).or_insert_with(|| {
-                    clusters.push(Cluster::default());
+                    let skin = mesh.skins.get(corner.position as usize).copied().unwrap_or_default();
+                    clusters.push(Cluster { skin, ..Cluster::default() });
                     (clusters.len() - 1) as u32
                 }),
             };
@@ -126,6 +130,10 @@ fn at_spacing(mesh: &SourceMesh, grid: Grid) -> SourceMesh {
     }
     coarse.positions =
         clusters.iter().map(|all| (all.sum / f64::from(all.corners.max(1))).to_array()).collect();
+    if !mesh.skins.is_empty() {
+        coarse.skins = clusters.iter().map(|all| all.skin).collect();
+        coarse.poses.clone_from(&mesh.poses);
+    }
     if !mesh.colors.is_empty() {
         let mean = |all: &Cluster| all.color.map(|sum| (sum / u64::from(all.corners.max(1))) as u8);
         coarse.colors = clusters.iter().map(mean).collect();

@@ -144,6 +144,8 @@ mod tests {
             ],
             faces: vec![Face { wedges: [0, 1, 2], material: 0 }, Face { wedges: [4, 3, 5], material: 1 }],
             parts: Vec::new(),
+            skins: Vec::new(),
+            poses: Vec::new(),
         }
     }
 

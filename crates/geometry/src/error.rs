@@ -45,6 +45,9 @@ pub enum MeshError {
         /// Index of the texture coordinate.
         index: usize,
     },
+    /// Skins that are not as many as positions, or poses without a map for each joint.
+    #[error("the mesh's skins or poses do not fit its positions and joints")]
+    BadSkins,
     /// A face refers to an element that does not exist.
     #[error("face {face} refers to {kind} {index}, but there are only {count}")]
     BadIndex {

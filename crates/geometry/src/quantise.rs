@@ -11,9 +11,11 @@
 )]
 
 use std::collections::HashMap;
+use std::hash::Hash;
 
 use crate::error::MeshError;
 use crate::mesh::normals;
+use crate::mesh::skin::{Skin, mapped};
 use crate::mesh::{
     Attributes, Face, Grid, MAX_PARTS, NO_COLOR, NONE, QuantisedMesh, SourceMesh, UvGrid, Wedge,
 };
@@ -71,18 +73,19 @@ impl Default for QuantiseSettings {
 
 /// Quantises a source mesh.
 ///
-/// Equal positions of a part are welded into one vertex; faces with a repeated vertex are dropped, then all unused elements.
+/// Equal positions of a part with equal skins are welded into one vertex; faces with a repeated vertex are dropped, then all unused elements.
 /// Distinct positions on the same grid point stay distinct vertices. Normals become normal groups: corners at a
 /// vertex whose normals agree within 1° share one; where a group's normal differs from the computed one by more than
 /// the tolerance, its wedges store it. A source without normals is smooth: one group per vertex. Colours split wedges
-/// as uvs do.
+/// as uvs do. Poses become maps of grid cells.
 ///
 /// # Errors
 /// Indices out of range, coordinates that are not finite f32 numbers, meshes longer than an f32 can represent,
 /// material 65535, meshes without a usable face, and tolerances that need more than [`MAX_POSITION_BITS`].
 pub fn quantise(source: &SourceMesh, settings: &QuantiseSettings) -> Result<QuantisedMesh, MeshError> {
     validate(source)?;
-    let (vertex_of, positions) = weld(source);
+    let Welded { vertex_of, positions, skins } =
+        if source.skins.is_empty() { weld(source, |_| ()) } else { weld(source, |at| source.skins[at]) };
     let mut kept = Vec::with_capacity(source.faces.len());
     for (index, face) in source.faces.iter().enumerate() {
         let [a, b, c] = face.map(|corner| vertex_of[corner.position as usize]);
@@ -107,6 +110,12 @@ pub fn quantise(source: &SourceMesh, settings: &QuantiseSettings) -> Result<Quan
         wedges: Vec::new(),
         faces: Vec::new(),
         parts: Vec::new(),
+        skins: Vec::new(),
+        poses: source
+            .poses
+            .iter()
+            .map(|pose| pose.iter().map(|map| in_cells(&grid, map)).collect())
+            .collect(),
     };
     mesh.faces.reserve_exact(kept.len());
     let mut vertices = NewVertices::new(positions.len());
@@ -122,6 +131,7 @@ pub fn quantise(source: &SourceMesh, settings: &QuantiseSettings) -> Result<Quan
             if vertex == next {
                 mesh.positions.push(snap(&grid, positions[welded as usize]));
                 mesh.parts.extend(part);
+                mesh.skins.extend(skins.get(welded as usize));
             }
             let (group, normal) = groups.group(vertex, corner.normal, &source.normals);
             let uv =
@@ -271,6 +281,14 @@ fn validate(source: &SourceMesh) -> Result<(), MeshError> {
             limit: MAX_PARTS as usize,
         });
     }
+    let joints = source.skins.iter().map(|skin| skin.joint_count()).max().unwrap_or(0);
+    let posed = source
+        .poses
+        .iter()
+        .all(|pose| pose.len() >= joints && pose.iter().flatten().flatten().all(|number| number.is_finite()));
+    if !posed || !(source.skins.is_empty() || source.skins.len() == source.positions.len()) {
+        return Err(MeshError::BadSkins);
+    }
     if source.materials.contains(&u16::MAX) {
         let limit = usize::from(u16::MAX);
         return Err(MeshError::TooLarge { kind: "materials", count: limit + 1, limit });
@@ -305,22 +323,43 @@ fn validate(source: &SourceMesh) -> Result<(), MeshError> {
     Ok(())
 }
 
-/// Welds equal positions. Returns the welded vertex of each source position, and the welded positions.
-fn weld(source: &SourceMesh) -> (Vec<u32>, Vec<[f64; 3]>) {
-    let mut first: HashMap<[u64; 3], u32> = HashMap::with_capacity(source.positions.len());
-    let mut positions: Vec<[f64; 3]> = Vec::new();
+/// Positions without repetition.
+struct Welded {
+    /// The welded position of each source position.
+    vertex_of: Vec<u32>,
+    positions: Vec<[f64; 3]>,
+    /// Skins of the welded positions; empty without.
+    skins: Vec<Skin>,
+}
+
+/// Welds equal positions that have the same key.
+fn weld<K: Copy + Eq + Hash>(source: &SourceMesh, key: impl Fn(usize) -> K) -> Welded {
+    let mut first: HashMap<([u64; 3], K), u32> = HashMap::with_capacity(source.positions.len());
+    let (mut positions, mut skins) = (Vec::new(), Vec::new());
     let vertex_of = source
         .positions
         .iter()
-        .map(|p| {
+        .enumerate()
+        .map(|(at, p)| {
             // Adding +0.0 turns -0.0 into +0.0, so that the two are one position.
-            *first.entry(p.map(|x| (x + 0.0).to_bits())).or_insert_with(|| {
+            *first.entry((p.map(|x| (x + 0.0).to_bits()), key(at))).or_insert_with(|| {
                 positions.push(*p);
+                skins.extend(source.skins.get(at));
                 id32(positions.len() - 1)
             })
         })
         .collect();
-    (vertex_of, positions)
+    Welded { vertex_of, positions, skins }
+}
+
+/// An affine map in a grid's cells.
+fn in_cells(grid: &Grid, map: &[[f64; 4]; 3]) -> [[f64; 4]; 3] {
+    let step = if grid.step > 0.0 { grid.step } else { 1.0 };
+    let at_origin = mapped(map, grid.origin);
+    [0, 1, 2].map(|axis| {
+        let [a, b, c, _] = map[axis];
+        [a, b, c, (at_origin[axis] - grid.origin[axis]) / step]
+    })
 }
 
 fn position_grid(

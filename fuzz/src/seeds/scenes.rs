@@ -1,7 +1,8 @@
 //! What a scene has besides meshes: terrain, punctual lights, names of parts, animations.
 
 use lodestream_scene::animation::{
-    AnimatedModel, AnimatedNode, AnimatedPart, Channel, Clip, Interpolation, Property, Rest,
+    AnimatedModel, AnimatedNode, AnimatedPart, AnimatedSkin, Channel, Clip, Interpolation, Property, Rest,
+    SkinJoint,
 };
 use lodestream_scene::parts::{self, PartInfo};
 use lodestream_scene::punctual_lights::{
@@ -112,10 +113,12 @@ fn door() -> Vec<u8> {
         channel(1, Property::Scale, Interpolation::CubicSpline, 0, &[1.0; 18]),
     ];
     let part = |node| AnimatedPart { node, to_node: Default::default(), from_model: Default::default() };
+    let joint = |node| SkinJoint { node, to_node: Default::default() };
     let model = AnimatedModel {
         nodes: vec![node(None, [0.5, 1e6 + 0.1, 0.0]), node(Some(0), [0.5, 1.0, 0.0])],
         parts: vec![part(0), part(1)],
-        places: vec![vec![0, 1], vec![7, 300]],
+        skins: vec![AnimatedSkin { joints: vec![joint(Some(0)), joint(None)] }],
+        places: vec![vec![0, 1, 2], vec![7, 300, 9]],
         timelines: vec![vec![0.0, 1.5], vec![0.25, 2.0]],
         clips: vec![
             Clip { name: "open".into(), channels },

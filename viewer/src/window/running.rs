@@ -559,6 +559,7 @@ impl Steps for FrameSteps<'_> {
             let args = self.args;
             running.controller = running.scene.header().map(|header| args.controller(header.camera));
         }
+        running.play_animation(running.now())?;
         Ok(())
     }
 
@@ -566,7 +567,6 @@ impl Steps for FrameSteps<'_> {
         let running = &mut *self.running;
         let now = running.now();
         keyboard::move_camera(now, &mut running.keys, running.controller.as_mut(), &mut running.quality);
-        running.play_animation(now);
         running.measure(self.began);
     }
 

@@ -1,7 +1,5 @@
 //! Animations: what they move, for picking and refinement. The renderer moves what it draws by itself.
 
-use std::collections::BTreeMap;
-
 use lodestream_protocol::time::Time;
 use lodestream_scene::animation::{Animations, Moment};
 use lodestream_scene::blob::BlobId;
@@ -15,8 +13,8 @@ use crate::core::changes::Change;
 impl ClientCore {
     /// Sets the clip and time at which animated instances are, instead of that set before; `None`: where the scene's
     /// description has them. Picking, bounds and refinement follow, and no proxy stands for the instances. Cost: that of
-    /// [`Animations::transforms`], and for each selection as much as an instance for each that moves; a tenth of a
-    /// second apart is often enough.
+    /// [`Animations::moved`], and for each selection as much as an instance for each that moves, and for each joint of a
+    /// skin; a tenth of a second apart is often enough.
     pub fn animate(&mut self, moment: Option<Moment>) {
         if self.moment != moment {
             self.moment = moment;
@@ -31,9 +29,8 @@ impl ClientCore {
     }
 
     pub(super) fn follow_animations(&mut self) {
-        let moved = self.moment.as_ref().zip(self.animations());
-        let moved = moved.map_or_else(BTreeMap::new, |(moment, models)| models.transforms(moment));
-        self.moved.set_instances(moved);
+        let moved = self.animations().map(|models| models.moved(self.moment.as_ref()));
+        self.moved.set_animated(moved.unwrap_or_default());
         self.selection.selector.set_moved(self.moved.distinct());
         self.selection.stale = true;
     }

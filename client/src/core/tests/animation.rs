@@ -26,6 +26,7 @@ fn rising(instance: u32) -> AnimatedModel {
     AnimatedModel {
         nodes: vec![AnimatedNode { parent: None, to_parent: DAffine3::IDENTITY, rest: Rest::default() }],
         parts: vec![AnimatedPart { node: 0, to_node, from_model }],
+        skins: Vec::new(),
         places: vec![vec![instance]],
         timelines: vec![vec![0.0, 2.0]],
         clips: vec![Clip { name: "rise".into(), channels: vec![channel] }],

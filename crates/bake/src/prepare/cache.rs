@@ -61,7 +61,7 @@ fn hasher(settings: &[u8], format_version: u32) -> blake3::Hasher {
 /// Hashes every list of a mesh, each with its length. The pattern names all fields, so a new one does not compile until it
 /// is hashed here.
 fn hash_mesh(mesh: &SourceMesh, hasher: &mut blake3::Hasher) {
-    let SourceMesh { positions, uvs, normals, colors, faces, materials, parts } = mesh;
+    let SourceMesh { positions, uvs, normals, colors, faces, materials, parts, skins, poses } = mesh;
     let corner = |&Corner { position, uv, normal, color }: &Corner| {
         [position, uv, normal, color].into_iter().flat_map(u32::to_le_bytes)
     };
@@ -72,6 +72,12 @@ fn hash_mesh(mesh: &SourceMesh, hasher: &mut blake3::Hasher) {
     hash_list(hasher, faces, |face| face.iter().flat_map(corner));
     hash_list(hasher, materials, |material| material.to_le_bytes().into_iter());
     hash_list(hasher, parts, |part| part.to_le_bytes().into_iter());
+    if !skins.is_empty() {
+        hash_list(hasher, skins, |skin| [skin.joints(), skin.weights()].into_iter().flatten());
+        for pose in poses {
+            hash_list(hasher, pose, |map| map.iter().flatten().flat_map(|x| x.to_le_bytes()));
+        }
+    }
 }
 
 /// Hashes a list's length and the bytes of its elements.

@@ -80,6 +80,8 @@ impl Piece {
             wedges: std::mem::take(&mut base.wedges),
             faces: std::mem::take(&mut base.faces),
             parts: std::mem::take(&mut base.parts),
+            skins: Vec::new(),
+            poses: Vec::new(),
         };
         let shadings: Vec<[f64; 2]> =
             description.materials.iter().map(|m| shading(m, &description)).collect();

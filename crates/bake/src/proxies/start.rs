@@ -156,10 +156,10 @@ impl StartView {
         let wanted = (0..).zip(&is_wanted).filter(|(_, is_wanted)| **is_wanted);
         let set: Vec<CutMember> = wanted.map(|(chunk, _)| CutMember { chunk, truncation: None }).collect();
         let mesh = asset.refined(&set).map_err(|why| pack.damaged(why))?.to_mesh();
-        let QuantisedMesh { positions, wedges, faces, parts, .. } = mesh;
+        let QuantisedMesh { positions, wedges, faces, parts, skins, .. } = mesh;
         let left = asset.infos.iter().zip(&is_wanted).filter(|(_, is_wanted)| !**is_wanted);
         let error = left.map(|(info, _)| f64::from(info.error) * scale).fold(0.0, f64::max);
-        let base = Base { positions, wedges, faces, parts, ..asset.base.clone() };
+        let base = Base { positions, wedges, faces, parts, skins, ..asset.base.clone() };
         Ok((Piece::of(pack, base, transparent_too)?, error))
     }
 
@@ -283,6 +283,8 @@ fn append(whole: &mut SourceMesh, base: Base) {
         wedges: base.wedges,
         faces: base.faces,
         parts: base.parts,
+        skins: Vec::new(),
+        poses: Vec::new(),
     };
     let first = whole.positions.len() as u32;
     whole.positions.extend(mesh.positions.iter().map(|&q| -> [f64; 3] { mesh.grid.position(q) }));

@@ -392,7 +392,8 @@ fn mirrored_sheared_and_flat_meshes_and_single_triangles_are_prepared_in_batches
             let [a, b, c] = face.map(|corner| to_scene.transform_point3(corner));
             if mirrors { [a, c, b] } else { [a, b, c] }
         });
-        let corners: Vec<DVec3> = mesh.part_corners(part).map(|at| origin + DVec3::from(at)).collect();
+        let corners: Vec<DVec3> =
+            mesh.part_corners(part, |_, place| place).map(|at| origin + DVec3::from(at)).collect();
         let faces = corners.as_chunks::<3>().0;
         for face in expected.filter(|[a, b, c]| a != b && b != c) {
             let turned = |turn: usize| [0, 1, 2].map(|corner| face[(corner + turn) % 3]);

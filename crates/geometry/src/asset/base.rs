@@ -3,6 +3,7 @@
 use crate::asset::index::Sphere;
 use crate::entropy::Codec;
 pub use crate::mesh::MAX_PARTS;
+use crate::mesh::skin::Skin;
 use crate::mesh::{Face, Grid, Kinds, UvGrid, Wedge};
 
 /// Version of the base blob, of index pages and of chunk payloads.
@@ -55,6 +56,8 @@ pub struct Base {
     pub colors: bool,
     /// Whether wedges may have explicit normals.
     pub normals: bool,
+    /// Whether joints move vertices.
+    pub skinned: bool,
     /// Sizes of the fully refined asset.
     pub totals: Totals,
     /// Materials and textures as the scene crate encodes them; opaque in this crate.
@@ -67,6 +70,8 @@ pub struct Base {
     pub faces: Vec<Face>,
     /// Part of each of its vertices; empty if the asset is one part.
     pub parts: Vec<u32>,
+    /// Skin of each of its vertices; empty unless [`Base::skinned`].
+    pub skins: Vec<Skin>,
 }
 
 /// A base blob with its mesh in each codec. The container must state which is used ([`Base::decode_as`]).
@@ -81,6 +86,6 @@ pub struct BaseBlobs {
 impl Base {
     /// Attributes of its wedges.
     pub(crate) fn kinds(&self) -> Kinds {
-        Kinds { uv_bits: self.uv_grid.bits, colors: self.colors, normals: self.normals }
+        Kinds { uv_bits: self.uv_grid.bits, colors: self.colors, normals: self.normals, skins: self.skinned }
     }
 }

@@ -17,6 +17,7 @@ use crate::codec::numbering::Numbering;
 use crate::codec::part::code_part;
 use crate::codec::plan::SplitPlan;
 use crate::codec::residual::quarter_octaves;
+use crate::codec::skin::{ExpectedSkin, code_skin};
 use crate::codec::source::Source;
 use crate::collapse::NO_VERTEX;
 use crate::entropy::Codec;
@@ -394,6 +395,12 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
                 self.local.isolated_parts.push(part);
             }
             self.local.add_vertex(previous.map(f64::from), None, own);
+            if self.mesh.kinds.skins {
+                let actual = self.guide.as_ref().and_then(|g| Some(g.source.skin(name?)));
+                let near = self.local.new_skins.last().copied().unwrap_or_default();
+                let skin = code_skin(self.coder, &ExpectedSkin::near(near), actual)?;
+                self.local.new_skins.push(skin);
+            }
             if let (Some(guide), Some(name)) = (self.guide.as_mut(), name) {
                 guide.names.vertex(name);
             }

@@ -15,6 +15,7 @@ impl Local<'_> {
         let vertex = |(i, &(v, parent)): (usize, &(u32, Option<u32>))| NewVertex {
             position: self.position(v).map(truncated),
             shift: self.vertices[v as usize].shift,
+            skin: self.new_skins.get(i).copied().unwrap_or_default(),
             origin: match parent {
                 Some(parent) => Origin::Split(self.vertex_id(parent)),
                 None => Origin::Part(self.isolated_parts.get(i).copied().unwrap_or(0)),

@@ -12,6 +12,7 @@ use crate::codec::gather_buffers::GatherBuffers;
 use crate::codec::star::{Star, Stars};
 use crate::mesh::Attributes;
 use crate::mesh::corner::Spaced;
+use crate::mesh::skin::Skin;
 use crate::mesh::slot_map::SlotMap;
 use crate::mesh::vec3::{Vec3, add, cross, length, scale, sub};
 use crate::numbers::{id32, inverse, truncated};
@@ -76,6 +77,7 @@ pub(crate) struct LocalMemory {
     wedge_at: SlotMap,
     new_vertices: Vec<(u32, Option<u32>)>,
     isolated_parts: Vec<u32>,
+    new_skins: Vec<Skin>,
     gather_buffers: GatherBuffers,
 }
 
@@ -94,6 +96,7 @@ impl LocalMemory {
             + self.wedge_at.bytes()
             + self.new_vertices.capacity() * 12
             + self.isolated_parts.capacity() * 4
+            + self.new_skins.capacity() * size_of::<Skin>()
             + self.gather_buffers.bytes()
     }
 }
@@ -124,6 +127,8 @@ pub(crate) struct Local<'a> {
     pub(crate) new_vertices: Vec<(u32, Option<u32>)>,
     /// Parts of the new vertices without faces, which come first; empty if the asset is one part.
     pub(crate) isolated_parts: Vec<u32>,
+    /// Skins of the new vertices; empty if the asset has none.
+    pub(crate) new_skins: Vec<Skin>,
     pub(crate) new_wedges: u32,
     /// Older vertices that the chunk moves.
     pub(crate) moves: Vec<MovedVertex>,
@@ -150,6 +155,7 @@ impl<'a> Local<'a> {
             gather_buffers: memory.gather_buffers,
             new_vertices: memory.new_vertices,
             isolated_parts: memory.isolated_parts,
+            new_skins: memory.new_skins,
             new_wedges: 0,
             moves: Vec::new(),
         };
@@ -166,6 +172,7 @@ impl<'a> Local<'a> {
         local.wedge_at.clear();
         local.new_vertices.clear();
         local.isolated_parts.clear();
+        local.new_skins.clear();
         local
     }
 
@@ -186,6 +193,7 @@ impl<'a> Local<'a> {
             gather_buffers: self.gather_buffers,
             new_vertices: self.new_vertices,
             isolated_parts: self.isolated_parts,
+            new_skins: self.new_skins,
         }
     }
 
@@ -382,6 +390,17 @@ impl<'a> Local<'a> {
     #[inline]
     pub(crate) fn face_area(&self, face: u32) -> f64 {
         self.areas[face as usize]
+    }
+
+    /// The skin of a vertex; the default of one without.
+    pub(crate) fn skin(&self, vertex: u32) -> Skin {
+        let id = self.vertex_id(vertex);
+        let skin = if id.owner == self.own {
+            self.new_skins.get(id.index as usize)
+        } else {
+            self.mesh.skins.get(self.mesh.vertex_slot(id) as usize)
+        };
+        skin.copied().unwrap_or_default()
     }
 
     /// The id of a vertex.

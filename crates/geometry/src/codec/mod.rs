@@ -34,6 +34,7 @@ mod residual;
 mod ring;
 mod scratch;
 pub(crate) mod sheet;
+mod skin;
 pub(crate) mod source;
 mod split;
 mod star;

@@ -6,6 +6,7 @@ use crate::entropy::context::{Contexts, MAX_INPUTS, Prob};
 use crate::entropy::range_coder::MIX_TREE_BITS;
 use crate::entropy::symbols::{INTEGER_CONTEXTS, tree_contexts};
 use crate::entropy::zstd_streams::StreamTable;
+use crate::mesh::skin::MAX_INFLUENCES;
 
 /// Valences up to this have separate contexts.
 pub(crate) const MAX_VALENCE: usize = 12;
@@ -55,6 +56,13 @@ pub(crate) const FACE_BENDS: usize = 4;
 pub(crate) const CORNERS: usize = 4;
 /// Places at which projections of textures are compared with other predictions.
 pub(crate) const PLACES: usize = 3;
+
+/// Joints of neighbours that are expected to move a new vertex.
+pub(crate) const MAX_EXPECTED: usize = 8;
+/// Classes of an expected weight.
+pub(crate) const WEIGHT_CLASSES: usize = 8;
+/// Bits of a joint's number.
+pub(crate) const JOINT_BITS: u32 = 8;
 
 /// Contexts per kind of residual: by recent ratios, and by the previous residual.
 pub(crate) const SIZE_RECENT_CONTEXTS: usize = SIZES * RECENTS * CLASSES;
@@ -158,6 +166,11 @@ layout! { CONTEXTS:
     WHICH_REST = (MAX_REPEATED - 1) * NOT_SHARERS * BEFORE,
     BASE_PART = INTEGER_CONTEXTS,
     BIRTH_PART = INTEGER_CONTEXTS,
+    SKIN_SAME = 1,
+    SKIN_PRESENT = MAX_EXPECTED * WEIGHT_CLASSES,
+    SKIN_ANOTHER = MAX_INFLUENCES,
+    SKIN_JOINT = tree_contexts(JOINT_BITS),
+    SKIN_WEIGHT = (MAX_INFLUENCES - 1) * INTEGER_CONTEXTS,
 }
 
 /// Assigns contexts to the streams of [`crate::entropy::zstd_streams`]. Byte streams: rare symbols; lengths and

@@ -2,6 +2,7 @@
 
 use crate::collapse::{Placed, Records};
 use crate::mesh::Face;
+use crate::mesh::skin::Skin;
 use crate::mesh::wedges::Wedges;
 
 /// The input of one chunk, in the ids of its builder (the simplified mesh).
@@ -19,6 +20,8 @@ pub(crate) struct Source<'a> {
     pub(crate) faces: &'a [Face],
     /// Part of each of the builder's vertices; empty if there is one part.
     pub(crate) parts: &'a [u32],
+    /// Skin of each; empty if there are none.
+    pub(crate) skins: &'a [Skin],
     /// Builder's ids by slot of the mesh before the chunk.
     pub(crate) vertex_by_slot: &'a [u32],
     pub(crate) wedge_by_slot: &'a [u32],
@@ -33,5 +36,10 @@ impl Source<'_> {
     /// The part of a builder's vertex.
     pub(crate) fn part(&self, vertex: u32) -> u32 {
         self.parts.get(vertex as usize).copied().unwrap_or(0)
+    }
+
+    /// The skin of a builder's vertex.
+    pub(crate) fn skin(&self, vertex: u32) -> Skin {
+        self.skins.get(vertex as usize).copied().unwrap_or_default()
     }
 }

@@ -7,6 +7,7 @@ use crate::codec::moves::GridOwner;
 use crate::codec::plan::SplitFace;
 use crate::codec::position::Roles;
 use crate::codec::scratch::{AddedFace, Cut, Scratch, Split};
+use crate::codec::skin::{ExpectedSkin, code_skin};
 use crate::entropy::range_coder::Coder;
 use crate::entropy::symbols::{index, integer, tree, tree_contexts};
 use crate::error::DecodeError;
@@ -40,11 +41,26 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
         self.local.vertices[u as usize].shift = shift;
         let position = self.position(u, &star, roles, shift, actual.map(|a| a.cell))?;
         self.local.place_vertex(u, &star, position);
+        if self.mesh.kinds.skins {
+            self.skin(t, &star)?;
+        }
         self.scratch.star = star;
         self.wedges(&split)?;
         self.coder.check()?;
         self.scratch.split = Some(split);
         Ok(u)
+    }
+
+    /// Codes the skin of the new vertex, expected from the one that it splits from and from its neighbours.
+    fn skin(&mut self, t: u32, star: &[StarFace]) -> Result<(), DecodeError> {
+        let mut expected = ExpectedSkin::near(self.local.skin(t));
+        for star_face in star.iter().filter(|star_face| star_face.a != t) {
+            expected.add(self.local.skin(star_face.a));
+        }
+        let want = self.guide.as_ref().map(|g| g.source.skin(g.new_vertex()));
+        let skin = code_skin(self.coder, &expected, want)?;
+        self.local.new_skins.push(skin);
+        Ok(())
     }
 
     /// Codes which star faces move to the new vertex.

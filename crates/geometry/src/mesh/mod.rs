@@ -16,11 +16,14 @@ pub(crate) mod principal_axes;
 mod ray;
 pub(crate) mod rows;
 pub(crate) mod shorten;
+pub mod skin;
 pub(crate) mod slot_map;
 pub(crate) mod stars;
 pub(crate) mod vec3;
 pub(crate) mod wedges;
 pub(crate) mod wide_bvh;
+
+use skin::{Pose, Skin};
 
 /// Marks a [`Corner`] attribute that the source lacks.
 pub const NONE: u32 = u32::MAX;
@@ -77,6 +80,10 @@ pub struct SourceMesh {
     /// Part of each face: a number that stays with the face at every level, for example that of an object that was
     /// joined with others. Faces of different parts share no vertex. Empty if the mesh is one part.
     pub parts: Vec<u32>,
+    /// Which joints move each position; empty if none do. Equal positions with different skins are different vertices.
+    pub skins: Vec<Skin>,
+    /// Poses in which the error of skins is measured, each with a map per joint, in the asset's units; may be empty.
+    pub poses: Vec<Pose>,
 }
 
 /// Which attributes an asset has.
@@ -86,6 +93,8 @@ pub(crate) struct Kinds {
     pub(crate) uv_bits: u8,
     pub(crate) colors: bool,
     pub(crate) normals: bool,
+    /// Whether joints move vertices.
+    pub(crate) skins: bool,
 }
 
 /// Bits per axis of an [`Attributes::normal`].
@@ -191,6 +200,10 @@ pub struct QuantisedMesh {
     pub faces: Vec<Face>,
     /// Part of each vertex ([`SourceMesh::parts`]); empty if the mesh is one part.
     pub parts: Vec<u32>,
+    /// The skin of each vertex; empty if no joints move them.
+    pub skins: Vec<Skin>,
+    /// [`SourceMesh::poses`], in grid cells.
+    pub poses: Vec<Pose>,
 }
 
 impl QuantisedMesh {

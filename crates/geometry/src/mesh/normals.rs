@@ -94,6 +94,8 @@ mod tests {
             wedges: (0..4).map(wedge).collect(),
             faces: [[0, 1, 2], [0, 2, 3]].map(|wedges| Face { wedges, material: 0 }).to_vec(),
             parts: Vec::new(),
+            skins: Vec::new(),
+            poses: Vec::new(),
         }
     }
 

@@ -66,6 +66,7 @@ pub(super) fn encode_all(
                 wedges: &simplified.wedges,
                 faces: &mesh.faces,
                 parts: &mesh.parts,
+                skins: &mesh.skins,
                 vertex_by_slot: &by_slot.vertices,
                 wedge_by_slot: &by_slot.wedges,
                 face_by_slot: &by_slot.faces,

@@ -147,6 +147,7 @@ fn build_base(
             })
             .collect(),
         parts: vertices.iter().filter_map(|&v| mesh.parts.get(v as usize).copied()).collect(),
+        skins: vertices.iter().filter_map(|&v| mesh.skins.get(v as usize).copied()).collect(),
     };
     let sizes = LevelSizes {
         chunks: simplified.levels.chunk_count() as u32,
@@ -190,6 +191,7 @@ fn ordered_base(
         uv_bits: mesh.uv_grid.bits,
         colors: mesh.wedges.iter().any(|w| w.attributes.color != NO_COLOR),
         normals: mesh.wedges.iter().any(|w| w.attributes.normal.is_some()),
+        skins: !mesh.skins.is_empty(),
     };
     let ordered =
         base::ordered(coarsest, BaseFormat::new(mesh.grid.bits, kinds, materials, parts, &mesh.uv_grid))
@@ -218,6 +220,7 @@ fn ordered_base(
         codec,
         colors: kinds.colors,
         normals: kinds.normals,
+        skinned: kinds.skins,
         totals: Totals {
             vertices: mesh.positions.len() as u64,
             wedges: mesh.wedges.len() as u64,
@@ -229,6 +232,7 @@ fn ordered_base(
         wedges: ordered.mesh.wedges,
         faces: ordered.mesh.faces,
         parts: ordered.mesh.parts,
+        skins: ordered.mesh.skins,
     };
     Ok((base, Order { vertices: ordered.vertices, wedges: ordered.wedges, faces: ordered.faces }))
 }
@@ -256,6 +260,7 @@ pub fn whole(mesh: &QuantisedMesh, codec: Codec) -> Result<Base, MeshError> {
         wedges: mesh.wedges.clone(),
         faces: mesh.faces.clone(),
         parts: mesh.parts.clone(),
+        skins: mesh.skins.clone(),
     };
     let sizes = LevelSizes { chunks: 0, levels: 0, shifts: vec![0] };
     Ok(ordered_base(mesh, &coarsest, materials, codec, sizes)?.0)

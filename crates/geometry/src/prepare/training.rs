@@ -148,6 +148,7 @@ fn record(
             wedges: base.wedges.clone(),
             faces: base.faces.clone(),
             parts: base.parts.clone(),
+            skins: base.skins.clone(),
         };
         let mut recorder = Recorder::default();
         let format = BaseFormat::new(

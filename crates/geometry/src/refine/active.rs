@@ -5,6 +5,7 @@ use crate::asset::base::Base;
 use crate::entropy::Codec;
 use crate::mesh::Kinds;
 use crate::mesh::corner::{self, face_of, side_of};
+use crate::mesh::skin::Skin;
 use crate::mesh::stars::Stars;
 use crate::mesh::{Grid, UvGrid, Wedge};
 use crate::numbers::id32;
@@ -38,6 +39,8 @@ pub struct ActiveMesh {
     pub(crate) vertex_shift: Vec<u8>,
     /// Part of a vertex; empty if the asset is one part.
     pub(crate) parts: Vec<u32>,
+    /// Skin of a vertex; empty if the asset has none.
+    pub(crate) skins: Vec<Skin>,
     pub(crate) part_count: u32,
     /// [`Base::shifts`].
     pub(crate) shifts: Vec<u8>,
@@ -83,6 +86,7 @@ impl ActiveMesh {
             vertex_mover: Vec::new(),
             vertex_shift: Vec::new(),
             parts: Vec::new(),
+            skins: Vec::new(),
             part_count: base.part_count.max(1),
             shifts: base.shifts.clone(),
             wedges: Vec::new(),
@@ -117,6 +121,9 @@ impl ActiveMesh {
         }
         if mesh.part_count > 1 {
             mesh.parts[..base.parts.len()].copy_from_slice(&base.parts);
+        }
+        if base.skinned {
+            mesh.skins[..base.skins.len()].copy_from_slice(&base.skins);
         }
         mesh.wedges[..base.wedges.len()].copy_from_slice(&base.wedges);
         for (slot, face) in base.faces.iter().enumerate() {
@@ -166,6 +173,17 @@ impl ActiveMesh {
         self.parts.get(vertex as usize).copied().unwrap_or(0)
     }
 
+    /// The skin of a vertex slot, if joints move it.
+    pub(crate) fn skin(&self, vertex: u32) -> Option<Skin> {
+        self.skins.get(vertex as usize).copied()
+    }
+
+    /// Whether joints move its vertices.
+    #[must_use]
+    pub fn skinned(&self) -> bool {
+        self.kinds.skins
+    }
+
     /// Current number of faces.
     #[must_use]
     pub fn face_count(&self) -> usize {
@@ -191,6 +209,7 @@ impl ActiveMesh {
             + self.morph_from.capacity() * 12
             + self.vertex_shift.capacity()
             + self.parts.capacity() * 4
+            + self.skins.capacity() * size_of::<Skin>()
             + (self.vertex_owner.capacity()
                 + self.vertex_mover.capacity()
                 + self.wedge_owner.capacity()
@@ -230,6 +249,9 @@ impl ActiveMesh {
         grow(&mut self.vertex_shift, v, 0);
         if self.part_count > 1 {
             grow(&mut self.parts, v, 0);
+        }
+        if self.kinds.skins {
+            grow(&mut self.skins, v, Skin::default());
         }
         grow(&mut self.wedges, w, Wedge::default());
         grow(&mut self.wedge_owner, w, 0);

@@ -163,6 +163,9 @@ impl ActiveMesh {
             if let Some(known) = self.parts.get_mut(slot as usize) {
                 *known = part;
             }
+            if let Some(known) = self.skins.get_mut(slot as usize) {
+                *known = vertex.skin;
+            }
         }
         let first = start(owners.wedge(Id { owner, index: 0 }));
         for (slot, wedge) in (first..).zip(&delta.wedges) {

@@ -129,6 +129,9 @@ impl ActiveMesh {
             if !self.parts.is_empty() {
                 self.parts.copy_within(from.clone(), to);
             }
+            if !self.skins.is_empty() {
+                self.skins.copy_within(from.clone(), to);
+            }
             self.stars.move_heads(from, to);
         }
     }
@@ -237,6 +240,7 @@ impl ActiveMesh {
         shorten(&mut self.vertex_mover, v);
         shorten(&mut self.vertex_shift, v);
         shorten(&mut self.parts, v);
+        shorten(&mut self.skins, v);
         shorten(&mut self.wedges, w);
         shorten(&mut self.wedge_owner, w);
         shorten(&mut self.faces, f);

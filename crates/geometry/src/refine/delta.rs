@@ -1,6 +1,7 @@
 //! The changes of a decoded chunk, in canonical ids, independent of other applied chunks.
 
 use crate::mesh::Attributes;
+use crate::mesh::skin::Skin;
 
 /// The id of a vertex, wedge or face: its owner, and its index among the owner's elements.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -31,6 +32,8 @@ pub struct NewVertex {
     pub position: [i32; 3],
     /// Its shift (low bits that are zero).
     pub shift: u8,
+    /// Its skin; the default in an asset without.
+    pub skin: Skin,
     /// Where it comes from.
     pub origin: Origin,
 }

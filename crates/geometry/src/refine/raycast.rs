@@ -1,5 +1,6 @@
 //! Rays against a refined mesh, and where its parts are.
 
+use crate::mesh::skin::Skin;
 use crate::mesh::vec3::{Vec3, cross, dot, sub};
 use crate::refine::active::ActiveMesh;
 
@@ -33,37 +34,71 @@ impl ActiveMesh {
         &self,
         mut ray: impl FnMut(u32) -> [[f64; 3]; 2],
         farthest: f64,
-        mut skip: impl FnMut(u32) -> bool,
+        skip: impl FnMut(u32) -> bool,
     ) -> Option<FaceHit> {
-        let mut nearest: Option<FaceHit> = None;
-        for (part, corners) in self.drawn_faces() {
-            let most = nearest.map_or(farthest, |hit| hit.distance);
+        let meets = |(part, corners): (u32, [Vec3; 3])| {
             let [origin, direction] = ray(part);
-            let Some(distance) = meeting(origin, direction, corners) else { continue };
-            let nearer = nearest.is_none_or(|hit| distance < hit.distance || part < hit.part);
-            if distance <= most && nearer && !skip(part) {
-                nearest = Some(FaceHit { distance, part });
-            }
-        }
-        nearest
+            Some((part, meeting(origin, direction, corners)?))
+        };
+        nearest(self.drawn_faces(|_, place| place).filter_map(meets), farthest, skip)
     }
 
-    /// Corners of the faces of a part, relative to [`crate::mesh::Grid::origin`]; none for a part without faces at this
-    /// refinement. Cost: a pass over all faces.
-    pub fn part_corners(&self, part: u32) -> impl Iterator<Item = [f64; 3]> + '_ {
-        self.drawn_faces().filter(move |(own, _)| *own == part).flat_map(|(_, corners)| corners)
+    /// As [`Self::cast_ray`], with each vertex where `moved` takes it by its skin, from a place relative to
+    /// [`crate::mesh::Grid::origin`] to another.
+    pub fn cast_ray_posed(
+        &self,
+        [origin, direction]: [[f64; 3]; 2],
+        farthest: f64,
+        skip: impl FnMut(u32) -> bool,
+        moved: impl Fn(Skin, [f64; 3]) -> [f64; 3],
+    ) -> Option<FaceHit> {
+        let faces = self.drawn_faces(|vertex, place| moved(self.skin(vertex).unwrap_or_default(), place));
+        let met = faces.filter_map(|(part, corners)| Some((part, meeting(origin, direction, corners)?)));
+        nearest(met, farthest, skip)
     }
 
-    /// Part and corners of each face.
-    fn drawn_faces(&self) -> impl Iterator<Item = (u32, [Vec3; 3])> + '_ {
+    /// Corners of the faces of a part where `moved` takes them, as in [`Self::cast_ray_posed`]; none for a part without
+    /// faces at this refinement. Cost: a pass over all faces.
+    pub fn part_corners<'a>(
+        &'a self,
+        part: u32,
+        moved: impl Fn(Skin, [f64; 3]) -> [f64; 3] + 'a,
+    ) -> impl Iterator<Item = [f64; 3]> + 'a {
+        let moved = move |vertex, place| moved(self.skin(vertex).unwrap_or_default(), place);
+        self.drawn_faces(moved).filter(move |(own, _)| *own == part).flat_map(|(_, corners)| corners)
+    }
+
+    /// Part and corners of each face, each where `moved` takes the vertex.
+    fn drawn_faces<'a>(
+        &'a self,
+        moved: impl Fn(u32, Vec3) -> Vec3 + 'a,
+    ) -> impl Iterator<Item = (u32, [Vec3; 3])> + 'a {
         let step = self.grid.step;
         let used = self.indices.iter().flatten().filter(|face| **face != [0; 3]);
         used.map(move |face| {
             let vertices = face.map(|wedge| self.wedges[wedge as usize].vertex);
-            let at = |vertex: u32| self.positions[vertex as usize].map(|q| f64::from(q) * step);
+            let at =
+                |vertex: u32| moved(vertex, self.positions[vertex as usize].map(|q| f64::from(q) * step));
             (self.part(vertices[0]), vertices.map(at))
         })
     }
+}
+
+/// The nearest of some faces' parts with their distances; of equally near parts the lowest.
+fn nearest(
+    met: impl Iterator<Item = (u32, f64)>,
+    farthest: f64,
+    mut skip: impl FnMut(u32) -> bool,
+) -> Option<FaceHit> {
+    let mut nearest: Option<FaceHit> = None;
+    for (part, distance) in met {
+        let most = nearest.map_or(farthest, |hit| hit.distance);
+        let nearer = nearest.is_none_or(|hit| distance < hit.distance || part < hit.part);
+        if distance <= most && nearer && !skip(part) {
+            nearest = Some(FaceHit { distance, part });
+        }
+    }
+    nearest
 }
 
 /// Distance at which a ray meets a triangle, in lengths of its direction (Möller and Trumbore, "Fast, Minimum Storage

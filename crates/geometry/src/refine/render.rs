@@ -3,6 +3,7 @@
 use crate::mesh::Wedge;
 use crate::mesh::corner::{self, face_of, side_of};
 use crate::mesh::octahedral;
+use crate::mesh::skin::Skin;
 use crate::mesh::vec3::{Vec3, add, length, triangle_normal};
 use crate::numbers::{id32, nearest_f32};
 use crate::refine::active::ActiveMesh;
@@ -24,6 +25,8 @@ pub struct RenderVertex {
     pub smooth: bool,
     /// The part that the vertex belongs to, below [`ActiveMesh::part_count`].
     pub part: u32,
+    /// Which joints move the vertex; the default in an asset without skins.
+    pub skin: Skin,
 }
 
 impl ActiveMesh {
@@ -86,6 +89,7 @@ impl ActiveMesh {
             color: wedge.attributes.color,
             morph_from: place(self.morph_from[wedge.vertex as usize]),
             part: self.part(wedge.vertex),
+            skin: self.skin(wedge.vertex).unwrap_or_default(),
         }
     }
 

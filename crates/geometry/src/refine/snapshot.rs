@@ -1,5 +1,6 @@
 //! The state of a mesh in canonical ids: equal for equal cuts, independent of the order of application.
 
+use crate::mesh::skin::Skin;
 use crate::mesh::{Attributes, Face, QuantisedMesh, Wedge};
 use crate::numbers::id32;
 use crate::refine::active::ActiveMesh;
@@ -10,6 +11,8 @@ use crate::refine::delta::Id;
 pub struct Snapshot {
     /// Vertices: id, position, part.
     pub vertices: Vec<(Id, [i32; 3], u32)>,
+    /// Skins of the vertices; empty if there are none.
+    pub skins: Vec<Skin>,
     /// Wedges: id, vertex, attributes.
     pub wedges: Vec<(Id, Id, Attributes)>,
     /// Faces: id, wedges, material.
@@ -26,6 +29,7 @@ impl ActiveMesh {
             for slot in applied.vertices.clone() {
                 let position = self.positions[slot as usize];
                 snapshot.vertices.push((id(applied.vertices.start, slot), position, self.part(slot)));
+                snapshot.skins.extend(self.skin(slot));
             }
             for slot in applied.wedges.clone() {
                 let wedge = self.wedges[slot as usize];
@@ -57,6 +61,8 @@ impl ActiveMesh {
             wedges: Vec::new(),
             faces: Vec::new(),
             parts: Vec::new(),
+            skins: Vec::new(),
+            poses: Vec::new(),
         };
         let mut vertex_new = vec![u32::MAX; self.positions.len()];
         let mut wedge_new = vec![u32::MAX; self.wedges.len()];
@@ -68,6 +74,7 @@ impl ActiveMesh {
                         vertex_new[wedge.vertex as usize] = id32(mesh.positions.len());
                         mesh.positions.push(self.positions[wedge.vertex as usize]);
                         mesh.parts.extend(self.parts.get(wedge.vertex as usize));
+                        mesh.skins.extend(self.skin(wedge.vertex));
                     }
                     if wedge_new[w as usize] == u32::MAX {
                         wedge_new[w as usize] = id32(mesh.wedges.len());

@@ -9,6 +9,10 @@
 //! *Shading.* The chord between the input's normal and the coarse surface's, times the input's local edge length:
 //! shading below pixel size need not be exact, and a wrong normal is visible on about one input face. Normals of tiny
 //! faces are noisy, so the root mean square counts.
+//!
+//! *Skins.* The distance between a point of the input and the nearest place of the coarse surface, both moved by their
+//! joints, in each pose of the mesh (after DeCoro and Rusinkiewicz, "Pose-independent simplification of articulated
+//! meshes", 2005, who sum quadrics over poses). The maximum counts.
 
 use glam::DVec3;
 
@@ -19,6 +23,7 @@ use crate::mesh::slot_map::SlotMap;
 use crate::mesh::vec3::{Vec3, add, cross, dot, length, scale, sub, triangle_normal};
 use crate::mesh::wide_bvh::WideBvh;
 use crate::simplify::live::Live;
+use crate::simplify::posed::PosedMesh;
 
 /// Most samples per region whose normals are compared.
 const NORMAL_SAMPLES: usize = 400;
@@ -29,6 +34,7 @@ pub(crate) struct InputAttributes {
     /// Local edge length.
     spacing: Vec<f32>,
     texture: Option<Texture>,
+    posed: Option<PosedMesh>,
 }
 
 /// Texture coordinates of the input.
@@ -55,6 +61,7 @@ impl InputAttributes {
             spacing: spacing.collect(),
             normals: (0..live.positions.len() as u32).map(|v| vertex_normal(live, v)).collect(),
             texture: (grid.bits > 0).then(|| Texture::new(live, grid)),
+            posed: PosedMesh::new(live),
         }
     }
 
@@ -81,9 +88,21 @@ impl InputAttributes {
             count += 1.0;
         }
         let shading = (sum / f64::max(count, 1.0)).sqrt();
-        let Some(texture) = &self.texture else { return shading };
-        vertices()
-            .fold(shading, |worst, s| texture.displacement(live, (s, input.position(s)), face_near(s), worst))
+        let mut worst = shading;
+        if let Some(texture) = &self.texture {
+            worst = vertices().fold(worst, |worst, s| {
+                texture.displacement(live, (s, input.position(s)), face_near(s), worst)
+            });
+        }
+        if let Some(posed) = &self.posed {
+            worst = vertices().fold(worst, |worst, s| {
+                let point = input.position(s);
+                let near = NearestPoint::new(live, point, face_near(s));
+                let corners = near.vertices.map(|v| (v, live.positions[v as usize]));
+                worst.max(posed.displacement((s, point), corners, near.weights))
+            });
+        }
+        worst
     }
 }
 

@@ -113,6 +113,11 @@ impl<'a> Live<'a> {
         })
     }
 
+    /// The input.
+    pub(crate) fn mesh(&self) -> &'a QuantisedMesh {
+        self.mesh
+    }
+
     /// Half the grid: what is added to a position to get its cell.
     pub(crate) fn middle(&self) -> f64 {
         self.middle

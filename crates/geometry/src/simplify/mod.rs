@@ -23,6 +23,7 @@ mod metric;
 mod packed;
 mod partition;
 mod placement;
+mod posed;
 mod quadric;
 mod queue;
 mod reduce;

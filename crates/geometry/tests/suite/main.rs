@@ -21,4 +21,5 @@ mod random_meshes;
 mod render;
 mod resuming;
 mod sets;
+mod skins;
 mod touching;

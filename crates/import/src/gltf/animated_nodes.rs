@@ -23,7 +23,7 @@ impl Above {
 
 /// The nodes that move. Each node of the file is looked at once, however deep it is.
 pub(super) struct AnimatedNodes<'a> {
-    document: &'a Document,
+    pub(super) document: &'a Document,
     contents: &'a SceneContents,
     targets: &'a BTreeSet<usize>,
     pub(super) nodes: Vec<AnimatedNode>,

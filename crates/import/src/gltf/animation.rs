@@ -1,19 +1,19 @@
-//! Animations of rigid nodes: the nodes above placed meshes that move, what hangs on them, and their clips.
+//! Animations: the nodes above placed meshes and joints that move, what hangs on them, and their clips.
 //!
-//! Skins, morph targets and lights do not move yet: a warning says so, once for a file. So it is with channels that cannot
-//! be read; the others play.
-
-use std::collections::BTreeSet;
+//! Morph targets and lights do not move: a warning says so, once for a file. So it is with channels that cannot be read;
+//! the others play.
 
 use glam::{DAffine3, DMat3, DMat4};
 use lodestream_scene::animation::{AnimatedModel, AnimatedPart, MAX_ENTRIES};
 
+use super::accessor::Buffers;
 use super::animated_nodes::{Above, AnimatedNodes, Moving};
-use super::animation_json::{Animation, Target};
 use super::animation_left_out::LeftOut;
+use super::animation_targets::targets;
 use super::container::Document;
 use super::keyframes::Keyframes;
 use super::nodes::SceneContents;
+use super::skeletons;
 use super::uneven::scales_unevenly;
 
 /// The animation of a file's placed meshes.
@@ -21,7 +21,7 @@ use super::uneven::scales_unevenly;
 pub struct FileAnimation {
     /// Nodes, parts and clips; it has no places.
     pub model: AnimatedModel,
-    /// Of each part of the model, the index of the placed mesh.
+    /// Of each part of the model, then of each skin, the index of the placed mesh.
     pub placed: Vec<usize>,
 }
 
@@ -35,12 +35,13 @@ pub(super) struct Candidate {
     pub(super) maps: Option<[DAffine3; 2]>,
 }
 
-/// The animation of the meshes that a file places, of which skinned ones are `None`, and a warning about what does not
-/// play; no animation if nothing moves.
+/// The animation of the meshes that a file places, of which skinned ones are no candidates but name the skin that they
+/// follow, if it moves; and a warning about what does not play. No animation if nothing moves.
 pub(super) fn of_file(
     document: &Document,
     contents: &SceneContents,
     candidates: &[Option<Candidate>],
+    followers: &[Option<usize>],
 ) -> (Option<FileAnimation>, Option<String>) {
     let animations = &document.root.animations;
     if animations.is_empty() {
@@ -62,14 +63,23 @@ pub(super) fn of_file(
             _ => left_out.still += 1,
         }
     }
-    let mut model = AnimatedModel { nodes: nodes.nodes, parts, ..AnimatedModel::default() };
+    let mut skins = Vec::new();
+    let mut buffers = Buffers::new(document);
+    for (index, skin) in followers.iter().enumerate() {
+        // The same skin once more for each mesh, with its joints.
+        let Some(skin) = skin.filter(|_| parts.len() + skins.len() < MAX_ENTRIES) else { continue };
+        let Some((skin, _)) = skeletons::bound(&mut nodes, &mut buffers, skin) else { continue };
+        skins.push(skin);
+        placed.push(index);
+    }
+    let mut model = AnimatedModel { nodes: nodes.nodes, parts, skins, ..AnimatedModel::default() };
     Keyframes::new(document, &nodes.numbers, &mut left_out).add_clips(animations, &mut model);
     left_out.uneven = scales_unevenly(&model);
     let mut moving = Moving::new(contents, &targets);
-    left_out.skinned = skinned_nodes(document, &mut moving);
+    left_out.skinned = skinned_nodes(document, &mut moving).saturating_sub(model.skins.len());
     left_out.lit = contents.lights.iter().filter(|light| moving.moves(light.node)).count();
     let warning = left_out.warning(&document.path);
-    if model.clips.is_empty() || model.parts.is_empty() {
+    if model.clips.is_empty() || model.parts.is_empty() && model.skins.is_empty() {
         return (None, warning);
     }
     match model.to_bytes() {
@@ -79,21 +89,6 @@ pub(super) fn of_file(
             (None, Some(format!("{path}: its animations are not played: {why}; shorten them")))
         }
     }
-}
-
-/// The nodes that any channel moves.
-fn targets(animations: &[Animation], left_out: &mut LeftOut) -> BTreeSet<usize> {
-    let mut targets = BTreeSet::new();
-    for channel in animations.iter().flat_map(|animation| &animation.channels) {
-        match (channel.target, channel.node) {
-            (Target::Node(_), Some(node)) => {
-                targets.insert(node);
-            }
-            (Target::Weights, _) => left_out.weights += 1,
-            _ => left_out.others += 1,
-        }
-    }
-    targets
 }
 
 /// Number of nodes with a skin of which a joint moves.

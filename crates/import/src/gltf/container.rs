@@ -16,6 +16,7 @@ use super::root::{
     CLEAR_COAT, COMPRESSED_VIEWS, DRACO, IOR, Root, SPECULAR, TEXTURE_AVIF, TEXTURE_BASISU, TEXTURE_WEBP,
     TRANSMISSION,
 };
+use super::skeleton::Skeleton;
 use crate::beside::Beside;
 use crate::content::{Content, OpenFile};
 use crate::error::ImportError;
@@ -70,6 +71,8 @@ pub(crate) struct Document {
     beside: Beside,
     /// Transformations of all nodes to the scene, once a skin needs them.
     pub(super) to_scene: OnceLock<Vec<DMat4>>,
+    /// Skeletons that move, once a skin needs them.
+    pub(super) skeletons: OnceLock<BTreeMap<usize, Arc<Skeleton>>>,
     /// Matrices of the skins' joints, by skin.
     pub(super) joints: Mutex<BTreeMap<usize, Arc<[DMat4]>>>,
     /// Buffers that were opened or decoded, by index.
@@ -171,10 +174,21 @@ impl Document {
             .map_err(|e| error(format!("is not valid glTF 2.0: {e}; export it again")))?;
         warnings.extend(pose::resolve(&mut root));
         root.shrink_to_fit();
-        let (opened, to_scene, joints) = Default::default();
+        let (opened, to_scene, joints, skeletons) = Default::default();
         let (path, beside) = (path.to_owned(), Beside::new(path));
         let material_extensions = root.material_extensions();
-        Ok(Self { path, root, bin, warnings, material_extensions, beside, to_scene, joints, opened })
+        Ok(Self {
+            path,
+            root,
+            bin,
+            warnings,
+            material_extensions,
+            beside,
+            to_scene,
+            skeletons,
+            joints,
+            opened,
+        })
     }
 
     /// [`Self::warnings`], each a line.

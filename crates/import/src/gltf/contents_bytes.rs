@@ -15,7 +15,7 @@ use super::{Contents, FileAnimation, PlacedMesh};
 use crate::model::Part;
 
 /// Version of what is found in a file, copies included, and of these bytes. Increment it when the same file gives others.
-pub const CONTENTS_VERSION: u32 = 4;
+pub const CONTENTS_VERSION: u32 = 5;
 
 const IDENTITY: [[f64; 3]; 3] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
 
@@ -110,7 +110,7 @@ fn placed(rest: &mut Rest<'_>) -> Option<PlacedMesh> {
 fn animation(rest: &mut Rest<'_>) -> Option<FileAnimation> {
     let model = AnimatedModel::from_bytes(rest.bytes()?).ok()?;
     let placed = rest.list(Rest::count)?;
-    (placed.len() == model.parts.len()).then_some(FileAnimation { model, placed })
+    (placed.len() == model.parts.len() + model.skins.len()).then_some(FileAnimation { model, placed })
 }
 
 fn put_light(out: &mut Vec<u8>, light: &PunctualLight) {
@@ -213,6 +213,6 @@ mod tests {
         let sum = bytes.iter().fold(0xcbf2_9ce4_8422_2325_u64, |sum, &byte| {
             (sum ^ u64::from(byte)).wrapping_mul(0x100_0000_01b3)
         });
-        assert_eq!((CONTENTS_VERSION, bytes.len(), sum), (4, 1471, 611_481_847_894_613_451));
+        assert_eq!((CONTENTS_VERSION, bytes.len(), sum), (5, 1472, 10_464_392_509_566_752_489));
     }
 }

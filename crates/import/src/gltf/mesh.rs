@@ -38,6 +38,8 @@ pub(super) struct Builder<'a> {
     warnings: Vec<String>,
     /// Materials whose missing texture coordinates were reported.
     without_uvs: BTreeSet<u16>,
+    /// Whether vertices may follow joints that move.
+    follows_joints: bool,
 }
 
 /// The vertex attributes of one primitive.
@@ -71,6 +73,7 @@ impl<'a> Builder<'a> {
             ignored: Ignored::of_file(document),
             warnings: document.told().collect(),
             without_uvs: BTreeSet::new(),
+            follows_joints: false,
         }
     }
 
@@ -96,6 +99,11 @@ impl<'a> Builder<'a> {
     /// Notes that all meshes of the file become one, in which none moves.
     pub(super) fn merge(&mut self) {
         self.ignored.note_animations(self.document);
+    }
+
+    /// Notes that what is added stays one mesh of the file, whose vertices follow joints that move.
+    pub(super) fn follow_joints(&mut self) {
+        self.follows_joints = true;
     }
 
     /// Numbers the faces added since the last call as a part.
@@ -158,6 +166,9 @@ impl<'a> Builder<'a> {
         used.sort_unstable();
         used.dedup();
         let corners = self.vertices(&attributes, &used, place, material, transform)?;
+        if let Some(skeleton) = attributes.pose.skeleton() {
+            self.mesh.poses.clone_from(&skeleton.poses);
+        }
         // Every index is among those used.
         let corner = |i: u32| corners[used.binary_search(&i).unwrap_or(0)];
         let flip = (DMat3::from_mat4(*transform).determinant() < 0.0) != attributes.pose.mirrors();
@@ -261,8 +272,13 @@ impl<'a> Builder<'a> {
             }
         }
         let of = (primitive, pose);
-        let (pose, left_out) =
-            Posed::open(document, &mut self.buffers, of, (place, positions.len()), influences)?;
+        let (pose, left_out) = Posed::open(
+            document,
+            &mut self.buffers,
+            of,
+            (place, positions.len(), self.follows_joints),
+            influences,
+        )?;
         if left_out > 0 {
             self.ignored.note("morph targets");
         }
@@ -333,6 +349,7 @@ impl<'a> Builder<'a> {
                 return Err(error("POSITION", index));
             }
             mesh.positions.push(position.to_array());
+            mesh.skins.extend(attributes.pose.skin(index));
             if let Some(normals) = &attributes.normals {
                 let normal = cofactors * attributes.pose.normal(index, normals.get(index)) * outwards;
                 // A zero normal counts as missing.

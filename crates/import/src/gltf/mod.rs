@@ -14,6 +14,7 @@ mod animated_nodes;
 mod animation;
 mod animation_json;
 mod animation_left_out;
+mod animation_targets;
 mod byte_values;
 mod compressed;
 mod container;
@@ -22,6 +23,7 @@ mod copies;
 mod draco;
 mod ignored;
 mod instancing;
+mod inverse_bind;
 mod keyframes;
 mod lights;
 mod maps;
@@ -34,6 +36,8 @@ mod posed;
 mod root;
 mod similarity;
 mod sizes;
+mod skeleton;
+mod skeletons;
 mod specular;
 #[cfg(test)]
 mod tests;
@@ -156,6 +160,7 @@ impl Document {
                 }
             }
             Part::Mesh { mesh, linear } => {
+                builder.follow_joints();
                 builder.add(*mesh, &DMat4::from_mat3(DMat3::from_cols_array_2d(linear)))?;
             }
             Part::Batch(members) => {
@@ -183,16 +188,17 @@ impl Document {
         let visible = drawn(std::mem::take(&mut placed.meshes));
         let used = visible.iter().map(|placed| placed.mesh).collect();
         let copies = copies.map(|tolerance| copies::of_meshes(self, &used, tolerance)).unwrap_or_default();
-        let mut candidates = Vec::with_capacity(visible.len());
+        let (mut candidates, mut followers) = (Vec::with_capacity(visible.len()), Vec::new());
         let placed_mesh = |nodes::Placed { mesh, to_scene, node, to_node }| {
             let (original, copied) =
                 copies.get(&mesh).map_or((mesh, DMat4::IDENTITY), |(of, map)| (*of, *map));
             let (part, placement) = similar(original, &(to_scene * copied));
             candidates.push(self.movable(node, to_node, (&copied, &part, &placement)));
+            followers.push(self.follower(node, &part, &placement));
             PlacedMesh { part, placement, mesh, to_scene: to_scene.to_cols_array_2d(), node }
         };
         let meshes = visible.into_iter().map(placed_mesh).collect();
-        let (animation, still) = animation::of_file(self, &placed, &candidates);
+        let (animation, still) = animation::of_file(self, &placed, &candidates, &followers);
         let punctual_lights = lights::punctual_lights(self, &placed.lights)?;
         let names = names(self);
         let (part_names, warning) = PartNames::new(self, placed.nodes, &names);
@@ -231,6 +237,16 @@ impl Document {
             [DAffine3::from_mat4(*copied) * to_mesh, placed.inverse()]
         });
         Some(animation::Candidate { node, to_node, maps })
+    }
+
+    /// The skin that a placed mesh follows, if its joints move.
+    fn follower(&self, node: Option<u32>, part: &Part, placement: &Placement) -> Option<usize> {
+        let node = self.root.nodes.get(node? as usize).filter(|node| node.is_skinned)?;
+        let Part::Mesh { linear, .. } = part else { return None };
+        // Instances of a skinned mesh stand still: what their joints would move is not said.
+        let plain = *linear == DMat3::IDENTITY.to_cols_array_2d() && *placement == Placement::default();
+        let skin = node.skin.filter(|_| plain)?.value();
+        skeletons::of_document(self).contains_key(&skin).then_some(skin)
     }
 
     /// The files that are read beside it: buffers and images.

@@ -7,7 +7,7 @@ use super::container::Document;
 use super::instancing;
 use super::lights::{self, PlacedLight};
 use super::part_names::Nodes;
-use super::root::Node;
+use super::root::{Node, Root};
 use crate::error::ImportError;
 
 /// A mesh of the file with its transformation.
@@ -95,6 +95,34 @@ pub(super) fn placed(document: &Document) -> Result<SceneContents, ImportError> 
         waiting.extend(children.map(|child| (child.value(), to_scene, named)));
     }
     Ok(placed)
+}
+
+/// The transformation of each node to the scene; the identity for nodes that are their own ancestors. They are computed
+/// once.
+pub(super) fn nodes_to_scene(document: &Document) -> &[DMat4] {
+    document.to_scene.get_or_init(|| all_to_scene(&document.root))
+}
+
+fn all_to_scene(root: &Root) -> Vec<DMat4> {
+    let mut is_child = vec![false; root.nodes.len()];
+    for child in root.nodes.iter().flat_map(|node| &node.children) {
+        if let Some(is_child) = is_child.get_mut(child.value()) {
+            *is_child = true;
+        }
+    }
+    let mut all = vec![DMat4::IDENTITY; root.nodes.len()];
+    let mut seen = vec![false; root.nodes.len()];
+    let roots = is_child.iter().enumerate().filter(|(_, is_child)| !**is_child);
+    let mut waiting: Vec<(usize, DMat4)> = roots.map(|(index, _)| (index, DMat4::IDENTITY)).collect();
+    while let Some((index, parent)) = waiting.pop() {
+        let Some(node) = root.nodes.get(index) else { continue };
+        if std::mem::replace(&mut seen[index], true) {
+            continue;
+        }
+        all[index] = parent * local(node);
+        waiting.extend(node.children.iter().map(|child| (child.value(), all[index])));
+    }
+    all
 }
 
 /// The transformation of a node to its parent.

@@ -4,11 +4,15 @@ use std::sync::{Arc, PoisonError};
 
 use glam::{DMat3, DMat4, DVec3};
 use gltf::json::accessor::Type;
+use lodestream_geometry::mesh::skin::Skin;
 
 use super::accessor::{Buffers, Elements};
 use super::container::Document;
-use super::nodes::local;
-use super::root::{Pose, Primitive, Root};
+use super::inverse_bind::inverse_bind_matrices;
+use super::nodes::nodes_to_scene;
+use super::root::{Pose, Primitive};
+use super::skeleton::Skeleton;
+use super::skeletons;
 use crate::error::ImportError;
 
 /// Sets of joints and weights of a vertex, of four each.
@@ -29,42 +33,15 @@ fn joint_matrices(
     if let Some(joints) = known().get(&number) {
         return Ok(Arc::clone(joints));
     }
-    let place = format!("skins[{number}].inverseBindMatrices");
     let Some(skin) = document.root.skins.get(number) else { return Ok(Arc::default()) };
-    let bound = skin.inverse_bind_matrices;
-    let bound = bound.map(|accessor| buffers.open(accessor.value(), &place, &[Type::Mat4])).transpose()?;
-    let to_scene = document.to_scene.get_or_init(|| all_to_scene(&document.root));
-    let matrix = |(at, joint): (usize, &gltf::json::Index<gltf::json::Node>)| {
-        let joint = to_scene.get(joint.value()).copied().unwrap_or_default();
-        let inverse = bound.as_ref().filter(|bound| at < bound.len());
-        joint * inverse.map_or(DMat4::IDENTITY, |bound| DMat4::from_cols_array(&bound.get(at)))
+    let bound = inverse_bind_matrices(document, buffers, number)?;
+    let to_scene = nodes_to_scene(document);
+    let matrix = |(joint, inverse): (&gltf::json::Index<gltf::json::Node>, DMat4)| {
+        to_scene.get(joint.value()).copied().unwrap_or_default() * inverse
     };
-    let joints: Arc<[DMat4]> = skin.joints.iter().enumerate().map(matrix).collect();
+    let joints: Arc<[DMat4]> = skin.joints.iter().zip(bound).map(matrix).collect();
     known().insert(number, Arc::clone(&joints));
     Ok(joints)
-}
-
-/// The transformation of each node to the scene; the identity for nodes that are their own ancestors.
-fn all_to_scene(root: &Root) -> Vec<DMat4> {
-    let mut is_child = vec![false; root.nodes.len()];
-    for child in root.nodes.iter().flat_map(|node| &node.children) {
-        if let Some(is_child) = is_child.get_mut(child.value()) {
-            *is_child = true;
-        }
-    }
-    let mut all = vec![DMat4::IDENTITY; root.nodes.len()];
-    let mut seen = vec![false; root.nodes.len()];
-    let roots = is_child.iter().enumerate().filter(|(_, is_child)| !**is_child);
-    let mut waiting: Vec<(usize, DMat4)> = roots.map(|(index, _)| (index, DMat4::IDENTITY)).collect();
-    while let Some((index, parent)) = waiting.pop() {
-        let Some(node) = root.nodes.get(index) else { continue };
-        if std::mem::replace(&mut seen[index], true) {
-            continue;
-        }
-        all[index] = parent * local(node);
-        waiting.extend(node.children.iter().map(|child| (child.value(), all[index])));
-    }
-    all
 }
 
 /// Moves the vertices of one primitive to their places in a pose.
@@ -75,11 +52,13 @@ pub(super) struct Posed {
     /// Joints and weights of each vertex, by set.
     influences: Vec<(Elements, Elements)>,
     joints: Arc<[DMat4]>,
+    /// If joints move, the skeleton in whose bind pose the vertices stay.
+    skeleton: Option<Arc<Skeleton>>,
 }
 
 impl Posed {
-    /// Opens what a pose needs of a primitive of `vertices` vertices, whose joints and weights are opened already, by set.
-    /// Returns the number of morph targets that are not applied, too.
+    /// Opens what a pose needs of a primitive of `vertices` vertices, whose joints and weights are opened already, by set;
+    /// `moves`: its vertices may follow joints that move. Returns the number of morph targets that are not applied, too.
     ///
     /// # Errors
     /// Accessors that do not hold what they should.
@@ -87,13 +66,14 @@ impl Posed {
         document: &Document,
         buffers: &mut Buffers<'_>,
         (primitive, pose): (&Primitive, &Pose),
-        (place, vertices): (&str, usize),
+        (place, vertices, moves): (&str, usize, bool),
         influences: [[Option<Elements>; 2]; SETS],
     ) -> Result<(Self, usize), ImportError> {
         let mut posed = Self::default();
         let mut left_out = if pose.weights.is_empty() { primitive.targets.len() } else { 0 };
         if let Some(skin) = pose.skin {
             posed.joints = joint_matrices(document, buffers, skin)?;
+            posed.skeleton = skeletons::of_document(document).get(&skin).filter(|_| moves).cloned();
             posed.influences =
                 influences.into_iter().filter_map(|[joints, weights]| joints.zip(weights)).collect();
             let all = posed.influences.iter().flat_map(|(joints, weights)| [joints, weights]);
@@ -149,13 +129,32 @@ impl Posed {
         DMat3::from_cols(y.cross(z), z.cross(x), x.cross(y)) * normal * outwards
     }
 
+    /// The skeleton that moves the vertices, if one does.
+    pub(super) fn skeleton(&self) -> Option<&Arc<Skeleton>> {
+        self.skeleton.as_ref()
+    }
+
+    /// The joints that move a vertex, if any move.
+    pub(super) fn skin(&self, index: usize) -> Option<Skin> {
+        self.skeleton.as_ref()?;
+        let all = self
+            .influences
+            .iter()
+            .flat_map(|(joints, weights)| joints.get::<4>(index).into_iter().zip(weights.get::<4>(index)));
+        let existing = all.filter(|(joint, _)| (*joint as usize) < self.joints.len());
+        Some(Skin::new(existing.map(|(joint, weight)| (joint as u8, weight))))
+    }
+
     /// Whether the pose turns the mesh inside out, as joints below a mirrored node do.
     pub(super) fn mirrors(&self) -> bool {
         self.joints.first().is_some_and(|joint| joint.determinant() < 0.0)
     }
 
-    /// The weighted sum of a vertex's joints; `None` without a skin. Weights count in proportion, as files round them.
+    /// The weighted sum of a vertex's joints, or that of the bind pose if they move; `None` without a skin. Weights count in proportion, as files round them.
     fn matrix(&self, index: usize) -> Option<DMat4> {
+        if let Some(skeleton) = &self.skeleton {
+            return Some(skeleton.reference);
+        }
         let first = self.joints.first()?;
         let (mut sum, mut whole) = (DMat4::ZERO, 0.0);
         for (joints, weights) in &self.influences {

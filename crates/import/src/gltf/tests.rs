@@ -13,6 +13,7 @@ mod material_extensions;
 mod materials;
 mod parts;
 mod poses;
+mod skeletons;
 
 use std::path::{Path, PathBuf};
 

@@ -6,6 +6,8 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use glam::{DVec3, Vec3};
+#[cfg(feature = "client")]
+use lodestream_geometry::mesh::skin::Skin;
 use lodestream_scene::asset::Material;
 use lodestream_scene::parts::PartTransform;
 
@@ -25,7 +27,8 @@ use crate::scene::index_set::IndexSet;
 use crate::scene::material_bindings::MaterialBindings;
 use crate::scene::mesh_pools::MeshPools;
 use crate::scene::part_states::PartStates;
-use crate::scene::part_table::{PartTable, Written};
+use crate::scene::part_table::Written;
+use crate::scene::vertex_tables::VertexTables;
 
 /// Largest gap between touched slots that is bridged by one upload. Each vertex costs the computation of a star, faces
 /// cost nothing.
@@ -57,7 +60,7 @@ pub struct AssetGpu {
     textures: Vec<Texture>,
     /// Numbers of the states of textures' tiles.
     tile_stamps: Vec<Arc<AtomicU64>>,
-    states: PartTable,
+    tables: VertexTables,
     /// Indices of the placements that are drawn; all if `None`.
     drawn: Option<IndexSet>,
 }
@@ -125,7 +128,7 @@ impl AssetGpu {
             .iter()
             .map(|material| Part {
                 material: material.clone(),
-                bound: kit.bind(gpu, material, &textures, &PartTable::default()),
+                bound: kit.bind(gpu, material, &textures, &VertexTables::default()),
                 indices: PagedBuffer::new(&pools.faces),
             })
             .collect();
@@ -141,7 +144,7 @@ impl AssetGpu {
             parts,
             textures,
             tile_stamps,
-            states: PartTable::default(),
+            tables: VertexTables::default(),
             drawn: None,
         }
     }
@@ -173,7 +176,7 @@ impl AssetGpu {
     /// The same of an instance, with its moved parts.
     pub(crate) fn sphere_of(&self, instance: usize) -> (DVec3, f64) {
         let (centre, radius) = self.sphere();
-        let mut moves = self.states.moves(instance).peekable();
+        let mut moves = self.tables.states.moves(instance).peekable();
         if moves.peek().is_none() {
             return (centre, radius);
         }
@@ -230,18 +233,25 @@ impl AssetGpu {
         Ok(())
     }
 
-    /// Stages vertices among other uploads; they take effect with [`AssetGpu::commit`].
+    /// Stages vertices, each with its skin, among other uploads; they take effect with [`AssetGpu::commit`].
     #[cfg(feature = "client")]
     pub(crate) fn stage_vertices(
         &mut self,
         gpu: &Gpu,
         uploads: &mut Uploads,
         first: usize,
-        vertices: impl ExactSizeIterator<Item = PackedVertex>,
+        vertices: impl ExactSizeIterator<Item = (PackedVertex, Skin)>,
     ) -> Result<(), RenderError> {
-        let reach = &mut self.reach;
-        let vertices = vertices.inspect(|vertex| reach.note(vertex));
-        self.vertices.stage(gpu, uploads, first as u64, vertices)
+        let (reach, skins) = (&mut self.reach, &mut self.tables.skins);
+        let vertices = vertices.map(|(vertex, skin)| {
+            reach.note(&vertex);
+            skins.number(skin).map_or(vertex, |number| vertex.of_skin(number))
+        });
+        self.vertices.stage(gpu, uploads, first as u64, vertices)?;
+        if self.tables.skins.write(gpu) {
+            self.bind_again(gpu);
+        }
+        Ok(())
     }
 
     /// Forgets vertex slots, and face slots of each material, past these lengths with the next [`AssetGpu::commit`].
@@ -376,7 +386,7 @@ impl AssetGpu {
     pub fn set_material(&mut self, gpu: &Gpu, index: usize, material: Material) -> Result<(), RenderError> {
         let count = self.parts.len();
         let part = self.parts.get_mut(index).ok_or(RenderError::NoSuch { what: "material", index, count })?;
-        part.bound = self.kit.bind(gpu, &material, &self.textures, &self.states);
+        part.bound = self.kit.bind(gpu, &material, &self.textures, &self.tables);
         part.material = material;
         self.changed_look(true);
         Ok(())
@@ -416,7 +426,7 @@ impl AssetGpu {
             for part in &mut self.parts {
                 let material = &part.material;
                 if material.textures().any(|used| usize::from(used) == texture) {
-                    part.bound = self.kit.bind(gpu, material, &self.textures, &self.states);
+                    part.bound = self.kit.bind(gpu, material, &self.textures, &self.tables);
                     holes |= part.bound.features.mask;
                 }
             }
@@ -467,16 +477,21 @@ impl AssetGpu {
     /// [`RenderError::NoSuch`] for a part from [`crate::MAX_PARTS`] on, [`RenderError::TooLarge`] past the device's
     /// limit of textures; nothing is changed then.
     pub fn set_part_states(&mut self, gpu: &Gpu, states: PartStates) -> Result<(), RenderError> {
-        let written = self.states.set(gpu, states, self.origin)?;
+        let written = self.tables.states.set(gpu, states, self.origin)?;
         if written == Written::NewTexture {
-            for part in &mut self.parts {
-                part.bound = self.kit.bind(gpu, &part.material, &self.textures, &self.states);
-            }
+            self.bind_again(gpu);
         }
         if written != Written::Nothing {
             self.changed_look(true);
         }
         Ok(())
+    }
+
+    /// Binds all materials again, to other tables.
+    fn bind_again(&mut self, gpu: &Gpu) {
+        for part in &mut self.parts {
+            part.bound = self.kit.bind(gpu, &part.material, &self.textures, &self.tables);
+        }
     }
 
     /// Sets which placements are drawn, numbered as in [`crate::Drawable::instances`]; all if `None`, the default.
@@ -489,7 +504,7 @@ impl AssetGpu {
 
     /// Whether all placements are drawn, as they are.
     pub(crate) fn has_no_states(&self) -> bool {
-        self.drawn.is_none() && self.states.texture().is_none()
+        self.drawn.is_none() && self.tables.states.texture().is_none()
     }
 
     /// Where the states of an instance's parts begin; `None` if nothing of it is drawn.
@@ -498,23 +513,27 @@ impl AssetGpu {
         if self.drawn.as_ref().is_some_and(|drawn| !drawn.contains(index)) {
             return None;
         }
-        self.states.start(instance)
+        self.tables.states.start(instance)
     }
 
     /// Number of the states of its parts, another for each change.
     pub(crate) fn part_states_version(&self) -> u64 {
-        self.states.version()
+        self.tables.states.version()
     }
 
     /// The same if any part is moved, which changes [`AssetGpu::sphere_of`]; else 0.
     pub(crate) fn part_moves_version(&self) -> u64 {
-        if self.states.moves_any() { self.states.version() } else { 0 }
+        if self.tables.states.moves_any() { self.tables.states.version() } else { 0 }
     }
 
     /// Where the states of this number begin of an instance that is drawn, if they were the last ones drawn; else where
     /// the present ones do.
     pub(crate) fn part_states_before(&self, instance: usize, version: u64) -> u32 {
-        self.states.start_before(instance, version).or_else(|| self.states.start(instance)).unwrap_or(0)
+        self.tables
+            .states
+            .start_before(instance, version)
+            .or_else(|| self.tables.states.start(instance))
+            .unwrap_or(0)
     }
 
     /// Marks materials, textures or part states as changed; `holes`: what is drawn at all, and thus shadows, may have

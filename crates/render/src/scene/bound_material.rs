@@ -35,8 +35,8 @@ pub(crate) struct MaterialKey {
     pub(crate) wrap: [usize; 2],
     /// Textures with their finest levels in use.
     pub(crate) textures: [Option<(wgpu::Texture, u32)>; 5],
-    /// Table of part states.
-    pub(crate) states: Option<wgpu::Texture>,
+    /// Part states and skins.
+    pub(crate) tables: [Option<wgpu::Texture>; 2],
     pub(crate) features: Features,
     /// Whether the height map may have an acceleration texture.
     pub(crate) accelerated: bool,

@@ -10,8 +10,8 @@ use crate::resources::gpu::Gpu;
 use crate::resources::texture::Texture;
 use crate::resources::texture_tiles::{TextureTiles, TiledMap};
 use crate::scene::bound_material::{BoundMaterial, Features, MaterialCache, MaterialKey};
-use crate::scene::part_table::PartTable;
 use crate::scene::relief_acceleration::ReliefAcceleration;
+use crate::scene::vertex_tables::VertexTables;
 
 /// `Material` of `gbuffer.wgsl`.
 #[repr(C)]
@@ -55,6 +55,7 @@ const KINDS: [(u32, TextureKind); 5] = [
 ];
 const SAMPLER: u32 = 3;
 const PART_STATES: u32 = 7;
+const SKINS: u32 = 8;
 const WRAPS: [Wrap; 3] = [Wrap::Repeat, Wrap::Clamp, Wrap::Mirror];
 
 /// Shared by all materials: layout, samplers and placeholder textures.
@@ -72,8 +73,9 @@ pub(crate) struct MaterialBindings {
     plain: wgpu::TextureView,
     /// Placeholder normal map: the surface's normal.
     straight: wgpu::TextureView,
-    /// Placeholder of [`PartTable`].
+    /// Placeholders of [`VertexTables`].
     no_states: wgpu::TextureView,
+    no_skins: wgpu::TextureView,
     pub(crate) cache: MaterialCache,
     /// Tiles of all textures.
     pub(crate) tiles: TextureTiles,
@@ -137,8 +139,8 @@ impl MaterialBindings {
             entry(SAMPLER, wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Filtering)),
         ];
         entries.extend(KINDS.map(|(binding, _)| entry(binding, texture)));
-        entries.push(wgpu::BindGroupLayoutEntry {
-            binding: PART_STATES,
+        entries.extend([PART_STATES, SKINS].map(|binding| wgpu::BindGroupLayoutEntry {
+            binding,
             visibility: wgpu::ShaderStages::VERTEX,
             ty: wgpu::BindingType::Texture {
                 sample_type: wgpu::TextureSampleType::Uint,
@@ -146,7 +148,7 @@ impl MaterialBindings {
                 multisampled: false,
             },
             count: None,
-        });
+        }));
         let layout = gpu.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
             label: Some("material"),
             entries: &entries,
@@ -160,18 +162,19 @@ impl MaterialBindings {
             plain: texel(gpu, wgpu::TextureFormat::Rgba8Unorm, &[255; 4]),
             straight: texel(gpu, wgpu::TextureFormat::Rgba8Unorm, &[128, 128, 255, 255]),
             no_states: texel(gpu, wgpu::TextureFormat::R32Uint, &[0; 4]),
+            no_skins: texel(gpu, wgpu::TextureFormat::Rg32Uint, &[0; 8]),
             cache: MaterialCache::default(),
             tiles: TextureTiles::new(gpu),
         }
     }
 
-    /// A material with the current levels of its textures, and the asset's part states; equal ones share a bind group.
+    /// A material with the current levels of its textures, and the asset's tables; equal ones share a bind group.
     pub(crate) fn bind(
         &self,
         gpu: &Gpu,
         material: &Material,
         textures: &[Texture],
-        states: &PartTable,
+        tables: &VertexTables,
     ) -> Arc<BoundMaterial> {
         let named = [
             material.base_color_texture,
@@ -227,7 +230,7 @@ impl MaterialBindings {
             uniform: bytemuck::bytes_of(&uniform).to_vec(),
             wrap,
             textures: used,
-            states: states.texture().cloned(),
+            tables: [tables.states.texture(), tables.skins.texture()].map(Option::<&_>::cloned),
             features: Features {
                 relief,
                 maps: surfaces || normals,
@@ -238,7 +241,7 @@ impl MaterialBindings {
         };
         self.cache.get(key, heights, &self.acceleration_layout, || {
             let views = found.map(|texture| texture.and_then(Texture::view));
-            self.group(gpu, &uniform, wrap, &views, states)
+            self.group(gpu, &uniform, wrap, &views, tables)
         })
     }
 
@@ -248,7 +251,7 @@ impl MaterialBindings {
         uniform: &MaterialUniform,
         [u, v]: [usize; 2],
         views: &[Option<wgpu::TextureView>; 5],
-        states: &PartTable,
+        tables: &VertexTables,
     ) -> wgpu::BindGroup {
         let uniform = gpu.device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
             label: Some("material"),
@@ -267,11 +270,14 @@ impl MaterialBindings {
             let view = view.as_ref().unwrap_or(stand_in);
             wgpu::BindGroupEntry { binding, resource: wgpu::BindingResource::TextureView(view) }
         }));
-        let states = states.view();
-        entries.push(wgpu::BindGroupEntry {
-            binding: PART_STATES,
-            resource: wgpu::BindingResource::TextureView(states.as_ref().unwrap_or(&self.no_states)),
-        });
+        let view = |texture: Option<&wgpu::Texture>, none: &wgpu::TextureView| {
+            texture.map_or_else(|| none.clone(), |texture| texture.create_view(&Default::default()))
+        };
+        let states = view(tables.states.texture(), &self.no_states);
+        let skins = view(tables.skins.texture(), &self.no_skins);
+        entries.extend([(PART_STATES, &states), (SKINS, &skins)].map(|(binding, view)| {
+            wgpu::BindGroupEntry { binding, resource: wgpu::BindingResource::TextureView(view) }
+        }));
         gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
             label: Some("material"),
             layout: &self.layout,

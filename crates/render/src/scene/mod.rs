@@ -27,10 +27,12 @@ pub(crate) mod scene_parts;
 #[cfg(feature = "client")]
 pub(crate) mod scene_view;
 #[cfg(feature = "client")]
+pub(crate) mod skin_table;
 pub(crate) mod streamed_mesh;
 pub(crate) mod terrain;
 #[cfg(feature = "client")]
 pub(crate) mod terrain_anchored;
 pub(crate) mod terrain_renderer;
 pub(crate) mod tile_generator;
+pub(crate) mod vertex_tables;
 pub(crate) mod vertical_exaggeration;

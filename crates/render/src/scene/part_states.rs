@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use lodestream_scene::animation::SkinPose;
 use lodestream_scene::parts::PartTransform;
 
 /// How a part is drawn; by default, as it is.
@@ -71,13 +72,15 @@ pub struct PartStates {
     pub others: PartState,
     /// States by index among the asset's instances.
     pub instances: BTreeMap<u32, InstanceStates>,
+    /// Poses of instances whose vertices follow joints, by the same index.
+    pub poses: BTreeMap<u32, SkinPose>,
 }
 
 impl PartStates {
-    /// Whether any part is moved.
+    /// Whether any part is moved, or any vertex by its joints.
     pub(crate) fn moves(&self) -> bool {
         let listed = self.instances.values().any(|states| states.transforms().next().is_some());
-        self.others.transform.is_some() || listed
+        self.others.transform.is_some() || listed || !self.poses.is_empty()
     }
 }
 

@@ -38,7 +38,7 @@ pub(crate) struct PartTable {
     before: (u64, PartStates),
     /// Their words, if any part is moved in either: for motion vectors.
     words_before: Option<PartWords>,
-    /// The transforms of each instance, each once.
+    /// The transforms of each instance, each once, and those that hold its pose.
     moves: BTreeMap<u32, Vec<PartTransform>>,
     moves_of_others: Vec<PartTransform>,
 }
@@ -111,6 +111,9 @@ impl PartTable {
         let moves = states.instances.iter();
         let moves = moves.map(|(index, states)| (*index, PartTransform::distinct(states.transforms())));
         self.moves = moves.collect();
+        for (index, pose) in &states.poses {
+            self.moves.entry(*index).or_default().extend(pose.similarities());
+        }
         (self.states, self.words, self.words_before) = (states, Some(words), words_before);
         (self.version, self.drawn) = (new_version(), AtomicBool::new(false));
         Ok(written)
@@ -119,11 +122,6 @@ impl PartTable {
     /// The texture, once there are states.
     pub(crate) fn texture(&self) -> Option<&wgpu::Texture> {
         self.texture.as_ref()
-    }
-
-    /// A view of the texture, once there are states.
-    pub(crate) fn view(&self) -> Option<wgpu::TextureView> {
-        self.texture.as_ref().map(|texture| texture.create_view(&Default::default()))
     }
 
     /// To where parts of an instance are moved, each transform once.

@@ -2,6 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use lodestream_scene::animation::SkinPose;
 use lodestream_scene::parts::{PartTransform, ScenePart};
 
 use crate::scene::part_states::{InstanceStates, PartState, PartStates};
@@ -32,6 +33,8 @@ pub(crate) struct SceneParts {
     places: Vec<(u32, u32)>,
     /// States of the assets of proxies that are drawn without some of their parts.
     proxies: BTreeMap<u32, PartStates>,
+    /// Poses of instances whose vertices follow joints, by asset and index among the asset's instances.
+    poses: BTreeMap<u32, BTreeMap<u32, SkinPose>>,
 }
 
 impl SceneParts {
@@ -66,6 +69,13 @@ impl SceneParts {
         numbers.filter(|asset| before.get(asset) != self.proxies.get(asset)).collect()
     }
 
+    /// Sets the poses of instances, by asset and index; returns the assets whose poses change.
+    pub(crate) fn set_poses(&mut self, poses: BTreeMap<u32, BTreeMap<u32, SkinPose>>) -> BTreeSet<u32> {
+        let before = std::mem::replace(&mut self.poses, poses);
+        let numbers = before.keys().chain(self.poses.keys()).copied();
+        numbers.filter(|asset| before.get(asset) != self.poses.get(asset)).collect()
+    }
+
     pub(crate) fn isolate(&mut self, parts: Option<BTreeSet<ScenePart>>) {
         self.isolated = parts;
     }
@@ -76,9 +86,10 @@ impl SceneParts {
         self.isolated = None;
     }
 
-    /// Whether all parts are drawn as they are.
+    /// Whether all parts are drawn as they are, and all vertices where they are.
     pub(crate) fn is_empty(&self) -> bool {
-        self.states.is_empty() && self.isolated.is_none() && self.proxies.is_empty()
+        let parts = self.states.is_empty() && self.isolated.is_none();
+        parts && self.proxies.is_empty() && self.poses.is_empty()
     }
 
     pub(crate) fn hidden(&self) -> HiddenParts {
@@ -126,6 +137,9 @@ impl SceneParts {
                 self.states.keys().for_each(|part| add(*part));
                 assets.extend(self.proxies.iter().map(|(asset, states)| (*asset, states.clone())));
             }
+        }
+        for (&asset, poses) in &self.poses {
+            assets.entry(asset).or_insert_with(|| unlisted.clone()).poses.clone_from(poses);
         }
         (assets, unlisted)
     }

@@ -329,11 +329,11 @@ impl SceneView {
                 if !concerned.is_empty() {
                     self.write_part_states(gpu, |asset| concerned.contains(&asset))?;
                 }
-                self.follow_animations();
+                self.follow_animations(gpu)?;
             }
             Change::Animation { number, model } => {
                 self.animations.insert(number, model);
-                self.follow_animations();
+                self.follow_animations(gpu)?;
             }
             Change::Proxies(proxies) => {
                 for proxy in &proxies {

@@ -57,7 +57,8 @@ impl StreamedMeshChange {
             bytes += match &mut self.run {
                 Run::Vertices(first, left) => {
                     let count = (room / size_of::<Vertex>()).clamp(1, left.len());
-                    let vertices = left.by_ref().take(count).map(|vertex| packed(&vertex));
+                    let vertices =
+                        left.by_ref().take(count).map(|vertex| (packed(&vertex), vertex.data.skin));
                     asset.stage_vertices(gpu, uploads, *first as usize, vertices)?;
                     *first += count as u32;
                     count * size_of::<Vertex>()

@@ -6,6 +6,6 @@ fn vs_motion(
     @location(12) states_before: u32,
 ) -> Moved {
     let unmoved = mix(v.morph_from, v.position, morph_weight(frame.before_s - v.birth_s));
-    let local = part_moved(unmoved, part_move(v, states_before));
+    let local = part_moved(posed(unmoved, v, states_before), part_move(v, states_before));
     return Moved(shown(placed(v), part_state(v)), in_world(local, offset_scale_before, rotation_before));
 }

@@ -14,12 +14,17 @@ struct VertexIn {
 }
 
 // States of parts, as part_words.rs writes them: for an instance the number of parts that follow, where the places of
-// their moves begin (0: none), the state of all others, and the states. A texture, since not every device has storage
+// their moves begin (0: none), where its pose does (0: none), the state of all others, and the states. A texture, since not every device has storage
 // buffers in the vertex stage.
 @group(1) @binding(7) var part_states: texture_2d<u32>;
+// Distinct skins of the asset's vertices: joints and weights, a byte each.
+@group(1) @binding(8) var skins: texture_2d<u32>;
 
 const PART_STATES_WIDTH: u32 = 1024u;
 const HIDDEN: u32 = 0x80000000u;
+const SKINS_WIDTH: u32 = 1024u;
+// The number of a vertex is that of its skin, and its part is the first.
+const SKINNED: u32 = 0x80000000u;
 
 fn part_states_at(at: u32) -> u32 {
     return textureLoad(part_states, vec2(at % PART_STATES_WIDTH, at / PART_STATES_WIDTH), 0).x;
@@ -27,7 +32,7 @@ fn part_states_at(at: u32) -> u32 {
 
 // Where a vertex's part is in the lists of an instance: the first entry is of all parts that are not listed.
 fn part_entry(v: VertexIn, states: u32) -> u32 {
-    let part = v.part_and_level >> 8u;
+    let part = select(v.part_and_level >> 8u, 0u, (v.part_and_level & SKINNED) != 0u);
     return select(0u, part + 1u, part < part_states_at(states));
 }
 
@@ -36,7 +41,7 @@ fn part_state(v: VertexIn) -> u32 {
     if (v.states == 0u) {
         return 0u;
     }
-    return part_states_at(v.states + 2u + part_entry(v, v.states));
+    return part_states_at(v.states + 3u + part_entry(v, v.states));
 }
 
 // Where the move of a vertex's part is among the states that begin at `states`; 0 if it has none.
@@ -66,6 +71,75 @@ fn part_moved(local: vec3<f32>, move_at: u32) -> vec3<f32> {
     return in_world(local, part_move_at(move_at), part_move_at(move_at + 4u));
 }
 
+// An affine map as rows.
+struct Rows {
+    x: vec4<f32>,
+    y: vec4<f32>,
+    z: vec4<f32>,
+}
+
+const STILL: Rows = Rows(vec4(1.0, 0.0, 0.0, 0.0), vec4(0.0, 1.0, 0.0, 0.0), vec4(0.0, 0.0, 1.0, 0.0));
+
+// Where the pose of an instance is among the states that begin at `states`; 0 if it has none.
+fn pose_of(states: u32) -> u32 {
+    if (states == 0u) {
+        return 0u;
+    }
+    return part_states_at(states + 2u);
+}
+
+// Linear blend skinning: the mean of the maps of a vertex's joints, by weight. Joints beyond the pose's stand still.
+fn blended(v: VertexIn, pose: u32) -> Rows {
+    var skin = vec2(0u, 255u);
+    if ((v.part_and_level & SKINNED) != 0u) {
+        let number = (v.part_and_level & ~SKINNED) >> 8u;
+        skin = textureLoad(skins, vec2(number % SKINS_WIDTH, number / SKINS_WIDTH), 0).xy;
+    }
+    let joints = part_states_at(pose);
+    var sum = Rows(vec4(0.0), vec4(0.0), vec4(0.0));
+    for (var i = 0u; i < 4u; i++) {
+        let weight = f32((skin.y >> (8u * i)) & 255u) / 255.0;
+        if (weight == 0.0) {
+            continue;
+        }
+        let joint = (skin.x >> (8u * i)) & 255u;
+        var map = STILL;
+        if (joint < joints) {
+            let at = pose + 1u + 12u * joint;
+            map = Rows(part_move_at(at), part_move_at(at + 4u), part_move_at(at + 8u));
+        }
+        sum = Rows(sum.x + weight * map.x, sum.y + weight * map.y, sum.z + weight * map.z);
+    }
+    return sum;
+}
+
+// A place of the asset, relative to its origin, where the vertex's joints take it.
+fn posed(local: vec3<f32>, v: VertexIn, states: u32) -> vec3<f32> {
+    let pose = pose_of(states);
+    if (pose == 0u) {
+        return local;
+    }
+    let map = blended(v, pose);
+    let at = vec4(local, 1.0);
+    return vec3(dot(map.x, at), dot(map.y, at), dot(map.z, at));
+}
+
+// A normal, by the cofactors of the map.
+fn posed_normal(normal: vec3<f32>, v: VertexIn) -> vec3<f32> {
+    let pose = pose_of(v.states);
+    if (pose == 0u) {
+        return normal;
+    }
+    let map = blended(v, pose);
+    let turned = vec3(
+        dot(cross(map.y.xyz, map.z.xyz), normal),
+        dot(cross(map.z.xyz, map.x.xyz), normal),
+        dot(cross(map.x.xyz, map.y.xyz), normal),
+    );
+    let size = length(turned);
+    return select(normal, turned / size, size > 0.0);
+}
+
 // Outside the picture if the part is hidden: all corners of a face have one part, so that nothing of it is drawn.
 fn shown(world: vec3<f32>, state: u32) -> vec4<f32> {
     if ((state & HIDDEN) != 0u) {
@@ -77,7 +151,8 @@ fn shown(world: vec3<f32>, state: u32) -> vec4<f32> {
 // Position of a vertex now, world axes, relative to the eye.
 fn placed(v: VertexIn) -> vec3<f32> {
     let local = mix(v.morph_from, v.position, morph_weight(frame.time_s - v.birth_s));
-    return in_world(part_moved(local, part_move(v, v.states)), v.offset_scale, v.rotation);
+    let moved = part_moved(posed(local, v, v.states), part_move(v, v.states));
+    return in_world(moved, v.offset_scale, v.rotation);
 }
 
 @vertex
@@ -87,7 +162,7 @@ fn vs_surface(v: VertexIn) -> Surface {
     out.position = placed(v);
     out.clip = shown(out.position, state);
     let move_at = part_move(v, v.states);
-    var normal = v.normal.xyz;
+    var normal = posed_normal(v.normal.xyz, v);
     if (move_at != 0u) {
         normal = rotate(part_move_at(move_at + 4u), normal);
     }

@@ -28,6 +28,7 @@ fn pyramid() -> Vec<Change> {
             morph_from: position,
             smooth: false,
             part: 0,
+            skin: Default::default(),
         };
         Vertex { data, birth_s: 0.0, level: 0 }
     };
@@ -84,6 +85,7 @@ fn model() -> AnimatedModel {
     AnimatedModel {
         nodes: vec![AnimatedNode { parent: None, to_parent: DAffine3::IDENTITY, rest: Rest::default() }],
         parts: vec![AnimatedPart { node: 0, to_node: about.inverse(), from_model: about }],
+        skins: Vec::new(),
         places: vec![vec![1]],
         timelines: vec![vec![0.0, 2.0]],
         clips: vec![Clip { name: "go".into(), channels }],
@@ -118,7 +120,7 @@ fn an_instance_is_drawn_where_its_clip_has_it_at_a_time() {
     let mut view = scene(&h, start);
     let rest = picture(&mut h, &view);
     // The clip may come before or after what it moves, and before it is chosen.
-    view.animate(at(1.5));
+    view.animate(h.gpu(), at(1.5)).unwrap();
     assert_eq!(picture(&mut h, &view), rest);
     arrive(&h, &mut view, vec![Change::Animation { number: 0, model: model().into() }]);
     let turn = DQuat::from_rotation_z(1.5 / 2.0 * std::f64::consts::FRAC_PI_2);
@@ -130,14 +132,14 @@ fn an_instance_is_drawn_where_its_clip_has_it_at_a_time() {
     let differ = found.iter().zip(&expected).filter(|(a, b)| a.abs_diff(**b) > 6).count();
     assert!(differ < found.len() / 200, "{differ} of {} values differ", found.len());
     // One after the other, and back.
-    view.animate(at(0.0));
+    view.animate(h.gpu(), at(0.0)).unwrap();
     assert_eq!(picture(&mut h, &view), rest);
-    view.animate(at(1.5));
+    view.animate(h.gpu(), at(1.5)).unwrap();
     assert_eq!(picture(&mut h, &view), found);
-    view.animate(None);
+    view.animate(h.gpu(), None).unwrap();
     assert_eq!(picture(&mut h, &view), rest);
     let mut late = SceneView::new();
-    late.animate(at(1.5));
+    late.animate(h.gpu(), at(1.5)).unwrap();
     arrive(&h, &mut late, vec![Change::Animation { number: 0, model: model().into() }]);
     arrive(&h, &mut late, [vec![Change::Instances(vec![still, start])], pyramid()].concat());
     assert_eq!(picture(&mut h, &late), found);

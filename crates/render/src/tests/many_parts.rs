@@ -30,6 +30,7 @@ fn asset(number: u32, parts: u32, materials: u32) -> [Change; 2] {
             morph_from: position,
             smooth: false,
             part,
+            skin: Default::default(),
         };
         Vertex { data, birth_s: 0.0, level: 0 }
     };

@@ -34,6 +34,7 @@ fn mesh(asset: u32, side: u32) -> MeshChange {
                 morph_from: position,
                 smooth: true,
                 part: 0,
+                skin: Default::default(),
             };
             Vertex { data, birth_s: 0.0, level: 0 }
         })

@@ -40,6 +40,8 @@ mod scene_parts;
 mod section;
 mod shadows;
 mod shapes;
+#[cfg(feature = "client")]
+mod skinned;
 mod specular;
 mod spheres;
 #[cfg(feature = "client")]

@@ -23,6 +23,7 @@ fn asset(number: u32, color: [u8; 4]) -> Vec<Change> {
             morph_from: [x, y, 0.0],
             smooth: false,
             part,
+            skin: Default::default(),
         };
         Vertex { data, birth_s: 0.0, level: 0 }
     };

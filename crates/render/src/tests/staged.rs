@@ -24,6 +24,7 @@ fn vertex(x: f32, y: f32, color: [u8; 4]) -> Vertex {
         morph_from: [x, y, 0.0],
         smooth: true,
         part: 0,
+        skin: Default::default(),
     };
     Vertex { data, birth_s: 0.0, level: 0 }
 }

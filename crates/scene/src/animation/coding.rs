@@ -3,11 +3,12 @@
 use glam::DAffine3;
 
 use super::{
-    AnimatedModel, AnimatedNode, AnimatedPart, AnimationError, Channel, Clip, MAX_ANIMATION_BYTES, Rest,
+    AnimatedModel, AnimatedNode, AnimatedPart, AnimatedSkin, AnimationError, Channel, Clip,
+    MAX_ANIMATION_BYTES, Rest, SkinJoint,
 };
 use crate::encoding::{self, CodingError, Decode, Encode, Reader, Writer, encode_fields};
 
-const VERSION: u8 = 1;
+const VERSION: u8 = 2;
 /// Memory that a decoded model may take: so much for each byte, but at most…
 const MEMORY_PER_BYTE: usize = 64;
 /// …so much for each byte…
@@ -120,9 +121,23 @@ impl Decode for AnimatedPart {
     }
 }
 
+impl Encode for SkinJoint {
+    fn encode<W: Writer>(&self, writer: &mut W) -> Result<(), CodingError> {
+        self.node.encode(writer)?;
+        encode_affine(&self.to_node, writer)
+    }
+}
+
+impl Decode for SkinJoint {
+    fn decode<R: Reader>(reader: &mut R) -> Result<Self, CodingError> {
+        Ok(Self { node: Option::decode(reader)?, to_node: decode_affine(reader)? })
+    }
+}
+
 encode_fields!(Channel { node, property, interpolation, timeline, values });
 encode_fields!(Clip { name, channels });
-encode_fields!(AnimatedModel { nodes, parts, places, timelines, clips });
+encode_fields!(AnimatedSkin { joints });
+encode_fields!(AnimatedModel { nodes, parts, skins, places, timelines, clips });
 
 impl AnimatedModel {
     /// The model as a blob.

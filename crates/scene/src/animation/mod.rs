@@ -2,13 +2,15 @@
 //!
 //! A model with animations is a blob ([`crate::BlobId::Animation`]): the nodes that move, the instances that hang on
 //! them, and clips of keyframes as in glTF 2.0 (§3.11, appendix C). At a time of a clip each instance has a
-//! [`PartTransform`](crate::parts::PartTransform), a similarity: it keeps its shape, and its errors scale with it.
+//! [`PartTransform`](crate::parts::PartTransform), a similarity: it keeps its shape, and its errors scale with it; one
+//! with a skin has a [`SkinPose`].
 //! Scenes without animations have no such blob and no message about them.
 //!
 //! | module | contents |
 //! |---|---|
 //! | `curve` | one keyframe track at a time |
 //! | `pose` | all nodes of a model at a time |
+//! | `skin` | assets that follow the joints of a skeleton |
 //! | `similarity` | the nearest similarity of an affine map |
 //! | `coding` | a model as bytes |
 //! | `playing` | the models of a scene, and a clip of them by name |
@@ -18,6 +20,7 @@ mod curve;
 mod playing;
 mod pose;
 mod similarity;
+mod skin;
 #[cfg(test)]
 mod tests;
 
@@ -25,8 +28,9 @@ use glam::DAffine3;
 
 use crate::encoding::{CodingError, encode_fields};
 pub use curve::{Channel, Interpolation, Property};
-pub use playing::{Animations, ClipInfo, Moment};
+pub use playing::{Animations, ClipInfo, Moment, Moved};
 pub use similarity::is_similarity;
+pub use skin::{AnimatedSkin, MAX_SKIN_JOINTS, SkinJoint, SkinPose};
 
 /// Most animated models of a scene.
 pub const MAX_ANIMATED_MODELS: u32 = 1 << 12;
@@ -66,7 +70,9 @@ pub struct AnimatedModel {
     pub nodes: Vec<AnimatedNode>,
     /// Parts that hang on nodes.
     pub parts: Vec<AnimatedPart>,
-    /// Where the model stands: for each place, the number of the scene's instance for each part.
+    /// Assets that follow joints.
+    pub skins: Vec<AnimatedSkin>,
+    /// Where the model stands: for each place, the number of the scene's instance for each part, then for each skin.
     pub places: Vec<Vec<u32>>,
     /// Times of keyframes that channels share, in seconds, ascending and at least 0.
     pub timelines: Vec<Vec<f32>>,
@@ -161,7 +167,8 @@ impl AnimatedModel {
     pub fn check(&self) -> Result<(), AnimationError> {
         use AnimationError::{Keyframes, NoSuch, Number, TooMany};
         let ensure = |holds: bool, why: AnimationError| if holds { Ok(()) } else { Err(why) };
-        let lists = [self.nodes.len(), self.parts.len(), self.places.len(), self.timelines.len()];
+        let (parts, skins) = (self.parts.len(), self.skins.len());
+        let lists = [self.nodes.len(), parts + skins, self.places.len(), self.timelines.len()];
         ensure(lists.iter().all(|&count| count <= MAX_ENTRIES), TooMany("entries"))?;
         ensure(self.clips.len() <= MAX_CLIPS, TooMany("clips"))?;
         for (number, node) in (0_u32..).zip(&self.nodes) {
@@ -176,7 +183,15 @@ impl AnimatedModel {
             ensure((part.node as usize) < self.nodes.len(), NoSuch("node"))?;
             ensure(part.to_node.is_finite() && part.from_model.is_finite(), Number("part"))?;
         }
-        ensure(self.places.iter().all(|place| place.len() == self.parts.len()), NoSuch("part"))?;
+        for skin in &self.skins {
+            ensure(skin.joints.len() <= MAX_SKIN_JOINTS, TooMany("joints"))?;
+            for joint in &skin.joints {
+                ensure(joint.node.is_none_or(|node| (node as usize) < self.nodes.len()), NoSuch("node"))?;
+                ensure(joint.to_node.is_finite(), Number("joint"))?;
+            }
+        }
+        let moving = self.parts.len() + self.skins.len();
+        ensure(self.places.iter().all(|place| place.len() == moving), NoSuch("part"))?;
         for times in &self.timelines {
             let ascend = times.is_sorted_by(|a, b| a < b) && times.iter().all(|t| t.is_finite() && *t >= 0.0);
             ensure(ascend && !times.is_empty(), Keyframes)?;
@@ -214,7 +229,8 @@ impl AnimatedModel {
         let channels = || self.clips.iter().flat_map(|clip| &clip.channels);
         self.nodes.len() * size_of::<AnimatedNode>()
             + self.parts.len() * size_of::<AnimatedPart>()
-            + self.places.len() * self.parts.len() * size_of::<u32>()
+            + self.skins.iter().map(|skin| skin.joints.len() * size_of::<SkinJoint>()).sum::<usize>()
+            + self.places.len() * (self.parts.len() + self.skins.len()) * size_of::<u32>()
             + self.timelines.iter().map(|times| times.len() * size_of::<f32>()).sum::<usize>()
             + channels()
                 .map(|channel| size_of::<Channel>() + channel.values.len() * size_of::<f32>())

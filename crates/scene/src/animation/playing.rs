@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use super::{AnimatedModel, Clip};
+use super::{AnimatedModel, Clip, SkinPose};
 use crate::parts::PartTransform;
 
 /// A clip of a scene's models.
@@ -22,6 +22,15 @@ pub struct Moment {
     pub clip: String,
     /// Time in seconds.
     pub time_s: f64,
+}
+
+/// How instances move within their places, by number.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Moved {
+    /// Instances that keep their shape.
+    pub instances: BTreeMap<u32, PartTransform>,
+    /// Instances whose vertices follow joints.
+    pub skins: BTreeMap<u32, SkinPose>,
 }
 
 /// The animated models of a scene that have arrived.
@@ -67,17 +76,27 @@ impl Animations {
         clips
     }
 
-    /// How instances move within their places, by number. A model plays its clip of the moment's name, or its first if it
-    /// has none, again and again. Cost: a search among the keyframes of each channel.
+    /// How instances move. A model plays its clip of the moment's name, or its first if it has none, again and again; its
+    /// nodes rest without a moment, which moves what has a skin whose joints rest elsewhere. Cost: a search among the
+    /// keyframes of each channel.
     #[must_use]
-    pub fn transforms(&self, Moment { clip, time_s }: &Moment) -> BTreeMap<u32, PartTransform> {
-        let mut moved = BTreeMap::new();
+    pub fn moved(&self, moment: Option<&Moment>) -> Moved {
+        let mut moved = Moved::default();
         for model in self.models.values() {
-            let named = model.clips.iter().find(|own| own.name == *clip);
-            let Some(clip) = named.or(model.clips.first()) else { continue };
-            let transforms = model.transforms_at(Some(clip), repeated(model, clip, *time_s));
+            let named = moment.and_then(|moment| model.clips.iter().find(|own| own.name == moment.clip));
+            let clip = named.or(model.clips.first()).filter(|_| moment.is_some());
+            let time_s = moment.zip(clip).map_or(0.0, |(moment, clip)| repeated(model, clip, moment.time_s));
+            if clip.is_none() && model.skins.is_empty() {
+                continue;
+            }
+            let nodes = model.nodes_at(clip, time_s);
+            let poses = model.poses_of(&nodes);
+            let transforms = if clip.is_some() { model.transforms_of(&nodes) } else { Vec::new() };
             for place in &model.places {
-                moved.extend(place.iter().copied().zip(transforms.iter().copied()));
+                moved.instances.extend(place.iter().copied().zip(transforms.iter().copied()));
+                let skinned = place.iter().skip(model.parts.len()).copied().zip(&poses);
+                let skinned = skinned.filter(|(_, pose)| !pose.is_still());
+                moved.skins.extend(skinned.map(|(instance, pose)| (instance, pose.clone())));
             }
         }
         moved

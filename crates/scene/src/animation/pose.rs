@@ -54,7 +54,10 @@ impl AnimatedModel {
     /// How each part moves within its instance at a time of a clip, before it is rounded to a similarity.
     #[must_use]
     pub fn maps_at(&self, clip: Option<&Clip>, time_s: f64) -> Vec<DAffine3> {
-        let nodes = self.nodes_at(clip, time_s);
+        self.maps_of(&self.nodes_at(clip, time_s))
+    }
+
+    fn maps_of(&self, nodes: &[DAffine3]) -> Vec<DAffine3> {
         let node = |number: u32| nodes.get(number as usize).copied().unwrap_or_default();
         self.parts.iter().map(|part| part.from_model * node(part.node) * part.to_node).collect()
     }
@@ -62,6 +65,11 @@ impl AnimatedModel {
     /// How each part moves within its instance at a time of a clip. Uneven scales are made even.
     #[must_use]
     pub fn transforms_at(&self, clip: Option<&Clip>, time_s: f64) -> Vec<PartTransform> {
-        self.maps_at(clip, time_s).iter().map(nearest).collect()
+        self.transforms_of(&self.nodes_at(clip, time_s))
+    }
+
+    /// The same, of the nodes' transformations to the model.
+    pub(super) fn transforms_of(&self, nodes: &[DAffine3]) -> Vec<PartTransform> {
+        self.maps_of(nodes).iter().map(nearest).collect()
     }
 }

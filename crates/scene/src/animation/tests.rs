@@ -100,7 +100,13 @@ fn arm() -> AnimatedModel {
     AnimatedModel {
         nodes: vec![upper, lower],
         parts: vec![part(0), part(1)],
-        places: vec![vec![3, 7], vec![2, 300]],
+        skins: vec![AnimatedSkin {
+            joints: vec![
+                SkinJoint { node: Some(1), to_node: DAffine3::from_translation(DVec3::new(-11.0, 0.0, 0.0)) },
+                SkinJoint { node: None, to_node: DAffine3::IDENTITY },
+            ],
+        }],
+        places: vec![vec![3, 7, 8], vec![2, 300, 301]],
         timelines: vec![vec![0.0, 2.0], vec![0.0, 4.0]],
         clips: vec![clip, Clip { name: "rest".into(), channels: Vec::new() }],
     }
@@ -127,13 +133,13 @@ fn clips_of_several_models_are_known_by_name_and_repeat() {
     let (arm, mut other) = (arm(), arm());
     other.clips.remove(0);
     other.clips[0].channels = vec![channel(Property::Scale, Interpolation::Step, &[1.0; 6])];
-    other.places = vec![vec![0, 1]];
+    other.places = vec![vec![0, 1, 9]];
     let mut all = Animations::default();
     all.insert(4, Arc::new(other));
     all.insert(0, Arc::new(arm.clone()));
     let clips: Vec<_> = all.clips().into_iter().map(|clip| (clip.name, clip.duration_s)).collect();
     assert_eq!(clips, [("reach".to_owned(), 4.0), ("rest".to_owned(), 2.0)]);
-    let at = |time_s| all.transforms(&Moment { clip: "reach".into(), time_s });
+    let at = |time_s| all.moved(Some(&Moment { clip: "reach".into(), time_s })).instances;
     assert_eq!(at(1.0).into_keys().collect::<Vec<_>>(), [0, 1, 2, 3, 7, 300]);
     assert_eq!(at(1.0)[&7], arm.transforms_at(arm.clips.first(), 1.0)[1]);
     assert_eq!(at(1.0)[&300], at(1.0)[&7]);
@@ -199,7 +205,16 @@ fn models_that_contradict_themselves_are_refused() {
     };
     assert_eq!(refused(|model| model.nodes[1].parent = Some(1)), E::NoSuch("parent"));
     assert_eq!(refused(|model| model.parts[0].node = 2), E::NoSuch("node"));
-    assert_eq!(refused(|model| model.places[1].truncate(1)), E::NoSuch("part"));
+    assert_eq!(refused(|model| model.places[1].truncate(2)), E::NoSuch("part"));
+    assert_eq!(refused(|model| model.skins[0].joints[0].node = Some(2)), E::NoSuch("node"));
+    assert_eq!(
+        refused(|model| model.skins[0].joints[1].to_node.translation.x = f64::INFINITY),
+        E::Number("joint")
+    );
+    assert_eq!(
+        refused(|model| model.skins[0].joints = vec![model.skins[0].joints[0]; 257]),
+        E::TooMany("joints")
+    );
     assert_eq!(refused(|model| model.timelines[0][1] = 0.0), E::Keyframes);
     assert_eq!(refused(|model| model.timelines[0][0] = -1.0), E::Keyframes);
     assert_eq!(refused(|model| model.timelines[0][1] = f32::NAN), E::Keyframes);
@@ -213,4 +228,54 @@ fn models_that_contradict_themselves_are_refused() {
     assert_eq!(refused(|model| model.clips[0].name = "x".repeat(256)), E::TooMany("bytes in a clip's name"));
     assert_eq!(AnimationTable { models: 0 }.check(), Err(E::Models(0)));
     assert!(AnimationTable { models: MAX_ANIMATED_MODELS + 1 }.check().is_err());
+}
+
+#[test]
+fn vertices_follow_their_joints_by_weight() {
+    let model = arm();
+    let clip = model.clips.first();
+    let pose = &model.poses_at(clip, 1.0)[0];
+    let lower = model.nodes_at(clip, 1.0)[1];
+    let (place, followed) = (DVec3::new(12.0, 1.0, 0.5), pose.joints()[0]);
+    assert!(followed.abs_diff_eq(lower * DAffine3::from_translation(DVec3::new(-11.0, 0.0, 0.0)), 1e-9));
+    let at = |influences: &[(u8, u8)]| pose.apply(influences.iter().copied(), place);
+    assert!(at(&[(0, 255)]).distance(followed.transform_point3(place)) < 1e-9);
+    assert!(at(&[(1, 255)]).distance(place) < 1e-12 && at(&[(9, 255)]).distance(place) < 1e-12);
+    let between = followed.transform_point3(place) * 0.2 + place * 0.8;
+    assert!(at(&[(0, 51), (1, 204)]).distance(between) < 1e-9);
+    let mut all = Animations::default();
+    all.insert(0, Arc::new(model.clone()));
+    let moment = Moment { clip: "reach".into(), time_s: 1.0 };
+    assert_eq!(all.moved(Some(&moment)).skins.get(&301), Some(pose));
+    assert_eq!(all.moved(Some(&moment)).skins.len(), 2);
+    // At rest, the joints are elsewhere than the asset has them, and nothing else moves.
+    let rest = all.moved(None);
+    assert_eq!((rest.instances.len(), rest.skins.get(&8)), (0, Some(&model.poses_at(None, 0.0)[0])));
+    let mut still = model;
+    still.skins[0].joints.remove(0);
+    all.insert(0, Arc::new(still));
+    assert!(all.moved(None).skins.is_empty());
+}
+
+#[test]
+fn the_similarities_of_a_pose_hold_what_follows_it() {
+    let stretched = DAffine3::from_scale_rotation_translation(
+        DVec3::new(1.0, 3.0, 0.5),
+        DQuat::from_rotation_z(0.4),
+        DVec3::new(5.0, 0.0, 0.0),
+    );
+    let turned = DAffine3::from_rotation_x(2.0);
+    let pose = SkinPose::new([stretched, turned, turned]);
+    let similarities = pose.similarities();
+    assert_eq!(similarities.len(), 2);
+    let scales: Vec<f64> = similarities.iter().map(PartTransform::scale).collect();
+    assert!(scales.iter().any(|s| (s - 1.0).abs() < 1e-9) && scales.iter().any(|s| (s - 3.0).abs() < 1e-9));
+    let sphere = (DVec3::ZERO, 2.0);
+    let (centre, radius) = PartTransform::bounds(similarities.iter(), sphere);
+    for step in 0..100 {
+        let turn = DQuat::from_rotation_y(f64::from(step)) * DQuat::from_rotation_x(f64::from(step) * 0.7);
+        let at = pose
+            .apply([(0, (step * 2) as u8), (1, (255 - step * 2) as u8)].into_iter(), turn * (DVec3::X * 2.0));
+        assert!(at.distance(centre) <= radius * (1.0 + 1e-9));
+    }
 }

@@ -206,6 +206,8 @@ mod tests {
             ],
             faces: vec![Face { wedges: [0, 1, 2], material: 0 }, Face { wedges: [3, 4, 5], material: 0 }],
             parts: Vec::new(),
+            skins: Vec::new(),
+            poses: Vec::new(),
         }
     }
 

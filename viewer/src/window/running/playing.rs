@@ -2,6 +2,8 @@
 
 use std::time::Duration;
 
+use lodestream_render::RenderError;
+
 use super::Running;
 use super::animation::Animation;
 use crate::window::keyboard::Action;
@@ -11,7 +13,10 @@ const FOLLOW_INTERVAL: Duration = Duration::from_millis(100);
 
 impl Running {
     /// Moves the scene to where the clip has it at `now`, and tells the client from time to time.
-    pub(super) fn play_animation(&mut self, now: Duration) {
+    ///
+    /// # Errors
+    /// As [`lodestream_render::SceneView::animate`].
+    pub(super) fn play_animation(&mut self, now: Duration) -> Result<(), RenderError> {
         let animation = &mut self.animation;
         let models = self.scene.animations().models().count();
         if models != animation.models {
@@ -22,7 +27,7 @@ impl Running {
             self.quality.moved(now);
         }
         let moment = animation.playback.moment(&animation.clips);
-        self.scene.animate(moment.clone());
+        self.scene.animate(&self.painter.gpu, moment.clone())?;
         let (told, at) = &animation.told;
         let due = !animation.playback.is_playing() || now >= *at + FOLLOW_INTERVAL;
         if *told != moment && due {
@@ -32,6 +37,7 @@ impl Running {
             }
             animation.told = (moment, now);
         }
+        Ok(())
     }
 
     /// Does what a key of the animation is for, if the scene has one.

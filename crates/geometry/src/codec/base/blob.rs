@@ -19,6 +19,8 @@ const AXIS_ALIGNED_V1: u8 = 0x40;
 const CODED: u8 = 0xc0;
 /// In the byte of attributes: the number of parts follows that of materials.
 const HAS_PARTS: u8 = 0x20;
+/// In the byte of position bits: vertices have skins.
+const HAS_SKINS: u8 = 0x20;
 
 impl Base {
     /// Encodes the blob. Vertices, wedges and faces must be in traversal order, as [`crate::prepare::prepare`] and
@@ -61,7 +63,8 @@ impl Base {
             Codec::AxisAligned => AXIS_ALIGNED,
             Codec::Zstd => PLAIN,
         };
-        let mut out = vec![FORMAT_VERSION, self.grid.bits | coded, kinds, self.level_count];
+        let skins = if self.skinned { HAS_SKINS } else { 0 };
+        let mut out = vec![FORMAT_VERSION, self.grid.bits | coded | skins, kinds, self.level_count];
         let shift = common_shift(&self.positions, self.shifts[0]);
         put_shifts(&mut out, shift, &self.shifts);
         for x in self.grid.origin.iter().chain([&self.grid.step]) {
@@ -91,6 +94,7 @@ impl Base {
             wedges: self.wedges.clone(),
             faces: self.faces.clone(),
             parts: self.parts.clone(),
+            skins: self.skins.clone(),
         };
         let bits = self.grid.bits - shift;
         let format = BaseFormat::new(bits, self.kinds(), self.material_count, self.part_count, &self.uv_grid);
@@ -129,7 +133,7 @@ impl Base {
             }
             _ => return Err(r.error("unknown codec of its chunks")),
         };
-        let bits = bits & !CODED;
+        let (bits, skinned) = (bits & !(CODED | HAS_SKINS), bits & HAS_SKINS != 0);
         let (uv_bits, colors, normals) = (kinds & 0x1f, kinds & 0x40 != 0, kinds & 0x80 != 0);
         if !(1..=MAX_POSITION_BITS).contains(&bits) || uv_bits > MAX_UV_BITS {
             return Err(r.error(format!("{bits} position bits and {uv_bits} uv bits are out of range")));
@@ -166,7 +170,7 @@ impl Base {
         let length = r.varint32(id32(MAX_DESCRIPTION_BYTES))? as usize;
         let description = r.take(length)?.to_vec();
         let rest = r.remaining();
-        let kinds = Kinds { uv_bits, colors, normals };
+        let kinds = Kinds { uv_bits, colors, normals, skins: skinned };
         let format = BaseFormat::new(bits - shift, kinds, material_count, part_count, &uv_grid);
         let mesh = base::decode(r.take(rest)?, mesh.unwrap_or(codec), format)?;
         Ok(Self {
@@ -182,6 +186,7 @@ impl Base {
             codec,
             colors,
             normals,
+            skinned,
             totals,
             description,
             positions: mesh.positions.iter().map(|p| p.map(|x| x << shift)).collect(),
@@ -189,6 +194,7 @@ impl Base {
             wedges: mesh.wedges,
             faces: mesh.faces,
             parts: mesh.parts,
+            skins: mesh.skins,
         })
     }
 }

@@ -1,5 +1,6 @@
 //! The mesh to encode, and its format.
 
+use crate::mesh::skin::Skin;
 use crate::mesh::{Face, Kinds, UvGrid, Wedge};
 
 /// A small mesh in traversal order.
@@ -10,6 +11,8 @@ pub(crate) struct BaseMesh {
     pub(crate) faces: Vec<Face>,
     /// Part of each vertex; empty if the format has one part.
     pub(crate) parts: Vec<u32>,
+    /// Skin of each vertex; empty if the format has none.
+    pub(crate) skins: Vec<Skin>,
 }
 
 impl BaseMesh {

@@ -6,6 +6,7 @@ use crate::codec::base::mesh::BaseMesh;
 use crate::codec::numbering::Numbering;
 use crate::mesh::Attributes;
 use crate::mesh::corner;
+use crate::mesh::skin::Skin;
 use crate::numbers::id32;
 
 /// The mesh to encode, with the numbers assigned in traversal order.
@@ -80,6 +81,11 @@ impl<'a> TargetMesh<'a> {
     /// The part of a wedge's vertex.
     pub(super) fn part(&self, wedge: u32) -> u32 {
         self.mesh.parts.get(self.vertex_of(wedge) as usize).copied().unwrap_or(0)
+    }
+
+    /// The skin of a wedge's vertex.
+    pub(super) fn skin(&self, wedge: u32) -> Skin {
+        self.mesh.skins.get(self.vertex_of(wedge) as usize).copied().unwrap_or_default()
     }
 
     /// Assigns the next number to a wedge's vertex.

@@ -11,6 +11,7 @@ use crate::codec::base::target::TargetMesh;
 use crate::codec::base::uv_candidates::UvCandidates;
 use crate::codec::model::{BASE_GATE, BASE_MATERIAL, BASE_MORE, BASE_PART, BASE_SAME_MATERIAL};
 use crate::codec::part::code_part;
+use crate::codec::skin::{ExpectedSkin, code_skin};
 use crate::entropy::range_coder::Coder;
 use crate::entropy::symbols::integer;
 use crate::error::DecodeError;
@@ -128,6 +129,7 @@ impl<'a, C: Coder> Walk<'a, C> {
                     let vertex = self.vertex(&corners, wanted)?;
                     let known = corners.vertices[..i].first().copied();
                     self.part(vertex, known, wanted)?;
+                    self.skin(vertex, &corners.vertices[..i], wanted)?;
                     vertex
                 }
             };
@@ -174,6 +176,27 @@ impl<'a, C: Coder> Walk<'a, C> {
             }
         };
         self.mesh.parts.push(part);
+        Ok(())
+    }
+
+    /// Codes the skin of a vertex if it is new, expected from the known corners of the face, else from the last.
+    fn skin(&mut self, vertex: u32, known: &[u32], want: Option<u32>) -> Result<(), DecodeError> {
+        if !self.format.kinds.skins || self.mesh.skins.len() > vertex as usize {
+            return Ok(());
+        }
+        let of = |corner: u32| self.mesh.skins.get(corner as usize).copied().unwrap_or_default();
+        let (first, others) = match known {
+            [first, others @ ..] => (of(*first), others),
+            [] => (self.mesh.skins.last().copied().unwrap_or_default(), known),
+        };
+        let mut expected = ExpectedSkin::near(first);
+        others.iter().for_each(|&corner| expected.add(of(corner)));
+        let wanted = match (&self.target, want) {
+            (Some(target), Some(wedge)) => Some(target.skin(wedge)),
+            _ => None,
+        };
+        let skin = code_skin(self.coder, &expected, wanted)?;
+        self.mesh.skins.push(skin);
         Ok(())
     }
 

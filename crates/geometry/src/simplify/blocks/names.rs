@@ -167,6 +167,12 @@ pub(crate) fn part(
             .collect(),
         // Simplification keeps vertices within their parts without knowing them.
         parts: Vec::new(),
+        skins: if whole.skins.is_empty() {
+            Vec::new()
+        } else {
+            vertices.iter().map(|v| whole.skins[v as usize]).collect()
+        },
+        poses: whole.poses.clone(),
     };
     let names = Names {
         vertices: vertices.iter().collect(),
