@@ -32,7 +32,7 @@ use lodestream_scene::asset::{DescriptionError, TextureInfo};
 
 use crate::mapping_allocator::MappingAllocator;
 use crate::scene::Asset;
-use crate::sources::{Source, Sources};
+use crate::sources::{Source, Sources, free_memory};
 use lodestream_store::{PackFile, StoreError};
 
 use checkpoint_folder::CheckpointFolder;
@@ -446,6 +446,7 @@ fn prepare_with_key(keyed: Keyed, options: &Options, pack: &Path) -> Result<Repo
     let whole: Vec<usize> = description.textures.iter().map(TextureInfo::whole_levels).collect();
     let description = description.encode().map_err(|error| describe_error(error.into()))?;
     PrepareError::room(model, mesh.faces.len(), MappingAllocator::free_bytes())?;
+    free_memory::check_faces(model, mesh.faces.len())?;
     let checkpoints =
         checkpoint_folder_for(pack, &key, options.keep_levels || mesh.faces.len() >= CHECKPOINT_MIN_FACES);
     let checkpoints = checkpoints.map_err(|source| PrepareError::Write { path: pack.to_owned(), source })?;

@@ -1,7 +1,7 @@
 //! Model files as a scene and its packs are made from them: each is read and parsed once while it is among the last ones,
 //! and not at all if memos in a cache folder say what is needed of it.
 
-mod free_memory;
+pub(crate) mod free_memory;
 mod hashed_file;
 mod memo;
 
