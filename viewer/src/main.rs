@@ -30,6 +30,7 @@ use std::path::Path;
 use std::process::ExitCode;
 
 use local::Target;
+use lodestream_bake::stderr::{one_line, write_line};
 use outcome::Outcome;
 
 fn main() -> ExitCode {
@@ -38,7 +39,7 @@ fn main() -> ExitCode {
     match run() {
         Ok(outcome) => outcome.into(),
         Err(why) => {
-            eprintln!("error: {why:#}");
+            write_line(format_args!("error: {}", one_line(why.as_ref())));
             // 2, as clap has it for a wrong command line.
             ExitCode::from(2)
         }

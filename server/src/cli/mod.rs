@@ -22,7 +22,7 @@ use std::process::ExitCode;
 
 use clap::{CommandFactory as _, Parser, Subcommand};
 
-use lodestream_bake::stderr::write_line;
+use lodestream_bake::stderr::{one_line, write_line};
 use outcome::Outcome;
 
 /// Exit code for unusable input, the same that clap uses for unusable arguments.
@@ -99,26 +99,10 @@ fn finish(outcome: anyhow::Result<Outcome>) -> ExitCode {
             if outcome.good { ExitCode::SUCCESS } else { ExitCode::FAILURE }
         }
         Err(error) => {
-            write_line(format_args!("error: {}", one_line(&error)));
+            write_line(format_args!("error: {}", one_line(error.as_ref())));
             ExitCode::from(BAD_INPUT)
         }
     }
-}
-
-/// The error with its causes as one line.
-fn one_line(error: &anyhow::Error) -> String {
-    let mut line = String::new();
-    for cause in error.chain() {
-        let text = cause.to_string();
-        // An error whose text already ends with its cause's is not followed by it again.
-        if !line.ends_with(&text) {
-            if !line.is_empty() {
-                line.push_str(": ");
-            }
-            line.push_str(&text);
-        }
-    }
-    line.split_whitespace().collect::<Vec<_>>().join(" ")
 }
 
 #[cfg(test)]
@@ -230,8 +214,8 @@ mod tests {
     #[test]
     fn causes_are_printed_once_and_in_one_line() {
         let error = anyhow::anyhow!("disk\nfull").context("a.lsp: cannot be written: disk\nfull");
-        assert_eq!(one_line(&error), "a.lsp: cannot be written: disk full");
+        assert_eq!(one_line(error.as_ref()), "a.lsp: cannot be written: disk full");
         let error = anyhow::anyhow!("disk full").context("a.lsp");
-        assert_eq!(one_line(&error), "a.lsp: disk full");
+        assert_eq!(one_line(error.as_ref()), "a.lsp: disk full");
     }
 }

@@ -11,6 +11,7 @@ use anyhow::{Context as _, bail};
 use lodestream_bake::prepare::{Options, Watch, cache};
 use lodestream_bake::scene::{self, Scene, UpAxis};
 use lodestream_bake::sources::Sources;
+use lodestream_bake::stderr::one_line;
 use lodestream_bake::whole_scene::{WholeScene, WholeSceneError};
 use lodestream_client::net::Address;
 
@@ -161,7 +162,7 @@ impl<N: Fn() + Clone + Send + 'static> Worker<N> {
             seen.1 = now;
             self.report(|shared| shared.skipped.clear());
             if let Err(why) = self.show(&mut seen) {
-                self.skip(format!("not shown anew: {why:#}"));
+                self.skip(format!("not shown anew: {}", one_line(why.as_ref())));
             }
             self.report(|shared| shared.progress = None);
         }

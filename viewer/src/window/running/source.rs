@@ -1,5 +1,6 @@
 //! The window's scene: begins to stream it once files are prepared, and replaces a coarse one by a finer one.
 
+use lodestream_bake::stderr::one_line;
 use lodestream_client::streaming::Status;
 use lodestream_render::SceneView;
 
@@ -36,7 +37,7 @@ impl Running {
         let Some(files) = &self.files else { return Ok(false) };
         if let Some(why) = files.take_failure() {
             if self.stays_open {
-                self.give_up(&format!("{why:#}"));
+                self.give_up(&one_line(why.as_ref()));
                 return Ok(true);
             }
             return Err(why);
