@@ -646,7 +646,7 @@ class Reader:
     def animation(self):
         b = self.b
         version = self.f("version", b.u8)
-        ensure(version == 1, f"an animated model of format version {version}")
+        ensure(version == 2, f"an animated model of format version {version}")
         whole = [1, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0]
         def node():
             parent = self.option("parent", lambda: self.f("node", b.u32))
@@ -654,6 +654,8 @@ class Reader:
                     self.formed("rotation", [0, 0, 0, 1]), self.formed("scale", [1, 1, 1])]
         def part():
             return [self.f("node", b.u32), self.formed("to the node", whole), self.formed("from the model", whole)]
+        def joint():
+            return [self.option("node", lambda: self.f("node", b.u32)), self.formed("to the node", whole)]
         def values(name):
             return self.f(name, lambda: [b.f32() for _ in range(b.u64())], lambda n: f"{len(n)} numbers")
         def channel():
@@ -664,6 +666,7 @@ class Reader:
             return [self.f("name", b.text, repr), self.vec("channels", channel, 1 << 16)]
         model = {"nodes": self.vec("nodes", node, 1 << 16), "parts": self.vec("parts", part, 1 << 16)}
         instances = lambda: self.vec("instances", lambda: self.f("instance", b.u32), 1 << 16)
+        model["skins"] = self.vec("skins", lambda: self.vec("joints", joint, 256), 1 << 16)
         model["places"] = self.vec("places", instances, 1 << 16)
         model["timelines"] = self.vec("timelines", lambda: values("times"), 1 << 16)
         model["clips"] = self.vec("clips", clip, 1 << 10)

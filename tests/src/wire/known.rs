@@ -8,7 +8,9 @@ use lodestream_geometry::base::Base;
 use lodestream_protocol::frame::{BlobPiece, Frame, FrameReader, ServerFrame};
 use lodestream_protocol::message::{ClientMessage, Hello, Refused, ServerMessage, Want, Welcome};
 use lodestream_protocol::stream::{BLOB_STREAM, BlobStreamReader};
-use lodestream_scene::animation::{AnimatedModel, AnimatedNode, AnimatedPart, Channel, Clip, Rest};
+use lodestream_scene::animation::{
+    AnimatedModel, AnimatedNode, AnimatedPart, AnimatedSkin, Channel, Clip, Rest, SkinJoint,
+};
 use lodestream_scene::asset::{
     Alpha, AssetDescription, Material, TextureFormat, TextureInfo, TextureKind, Wrap,
 };
@@ -167,6 +169,8 @@ fn animation(model: &AnimatedModel) -> Value {
         json!([node.parent, map(&node.to_parent), translation, rotation, scale])
     };
     let part = |part: &AnimatedPart| json!([part.node, map(&part.to_node), map(&part.from_model)]);
+    let joint = |joint: &SkinJoint| json!([joint.node, map(&joint.to_node)]);
+    let skin = |skin: &AnimatedSkin| skin.joints.iter().map(joint).collect::<Vec<_>>();
     let numbers = |list: &[f32]| list.iter().map(|&number| f64::from(number)).collect::<Vec<_>>();
     let channel = |channel: &Channel| {
         let [property, interpolation] =
@@ -178,6 +182,7 @@ fn animation(model: &AnimatedModel) -> Value {
     json!({
         "nodes": model.nodes.iter().map(node).collect::<Vec<_>>(),
         "parts": model.parts.iter().map(part).collect::<Vec<_>>(),
+        "skins": model.skins.iter().map(skin).collect::<Vec<_>>(),
         "places": model.places,
         "timelines": model.timelines.iter().map(|times| numbers(times)).collect::<Vec<_>>(),
         "clips": model.clips.iter().map(clip).collect::<Vec<_>>(),
