@@ -21,7 +21,7 @@ pub struct Fixture {
 
 /// The assets: seams and materials, non-manifold stars, vanishing components, seams nearly everywhere, stars of high
 /// valence, all of these with colours and normals; some with the zstd codec, whose chunks are not compressed here; and
-/// stones with the axis-aligned codec; several parts. A few hundred faces each, so that one input takes well under a millisecond.
+/// stones with the axis-aligned codec; several parts; skins. A few hundred faces each, so that one input takes well under a millisecond.
 ///
 /// # Panics
 /// If an asset does not decode.
@@ -44,6 +44,8 @@ pub fn all() -> &'static [Fixture] {
                 shapes::parts(shapes::join(components(), &components(), [0.0, 4.0, 0.0]), 12),
                 Codec::Range,
             ),
+            ("skinned", shapes::skinned(shapes::materials(shapes::torus(8, 10), 3)), Codec::Range),
+            ("plain-skinned", shapes::skinned(components()), Codec::Zstd),
         ]
         .into_iter()
         .map(|(name, source, codec)| {

@@ -2,7 +2,9 @@
 
 use std::sync::Arc;
 
-use lodestream_scene::animation::{AnimatedModel, AnimationError, AnimationTable, Animations};
+use lodestream_scene::animation::{
+    AnimatedModel, AnimationError, AnimationTable, Animations, MAX_PLACED_JOINTS,
+};
 use lodestream_scene::blob::BlobId;
 use lodestream_select::{State, Wanted, priority};
 
@@ -18,6 +20,9 @@ pub(super) enum AnimationBlobError {
     /// It moves an instance that the scene does not have.
     #[error("it moves instance {0}, which the scene does not have")]
     NoSuchInstance(u32),
+    /// Its skins and those of the models before it have more than [`MAX_PLACED_JOINTS`].
+    #[error("the scene's skins have more than {MAX_PLACED_JOINTS} joints in all their places")]
+    TooManyJoints,
     /// The scene has fewer.
     #[error("there is no such animation")]
     Unknown,
@@ -81,6 +86,10 @@ impl AnimatedModels {
         let animated = Arc::new(AnimatedModel::from_bytes(bytes)?);
         if let Some(instance) = animated.greatest_instance().filter(|instance| *instance >= instances) {
             return Err(AnimationBlobError::NoSuchInstance(instance));
+        }
+        let joints = self.arrived.models().map(|(_, model)| model.placed_joints()).sum::<usize>();
+        if !animated.skins.is_empty() && joints + animated.placed_joints() > MAX_PLACED_JOINTS {
+            return Err(AnimationBlobError::TooManyJoints);
         }
         self.arrived.insert(model, Arc::clone(&animated));
         self.set_state(model, State::Applied);

@@ -40,6 +40,8 @@ pub const MAX_ANIMATION_BYTES: u32 = 16 << 20;
 pub const MAX_ENTRIES: usize = 1 << 16;
 /// Most clips of a model.
 pub const MAX_CLIPS: usize = 1 << 10;
+/// Most joints of a model, and of a scene's, counted for each place: each is a map to compute for each frame.
+pub const MAX_PLACED_JOINTS: usize = 1 << 16;
 /// Longest name of a clip, in bytes of UTF-8.
 pub const MAX_CLIP_NAME_BYTES: usize = 255;
 
@@ -190,6 +192,7 @@ impl AnimatedModel {
                 ensure(joint.to_node.is_finite(), Number("joint"))?;
             }
         }
+        ensure(self.placed_joints() <= MAX_PLACED_JOINTS, TooMany("joints in all its places"))?;
         let moving = self.parts.len() + self.skins.len();
         ensure(self.places.iter().all(|place| place.len() == moving), NoSuch("part"))?;
         for times in &self.timelines {
@@ -207,6 +210,13 @@ impl AnimatedModel {
             }
         }
         Ok(())
+    }
+
+    /// Joints of its skins, counted for each place, at least once.
+    #[must_use]
+    pub fn placed_joints(&self) -> usize {
+        let joints: usize = self.skins.iter().map(|skin| skin.joints.len()).sum();
+        joints.saturating_mul(self.places.len().max(1))
     }
 
     /// The greatest number of an instance that it moves.

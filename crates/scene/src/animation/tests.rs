@@ -215,6 +215,10 @@ fn models_that_contradict_themselves_are_refused() {
         refused(|model| model.skins[0].joints = vec![model.skins[0].joints[0]; 257]),
         E::TooMany("joints")
     );
+    assert_eq!(
+        refused(|model| model.places = vec![vec![3, 7, 8]; MAX_PLACED_JOINTS / 2 + 1]),
+        E::TooMany("joints in all its places")
+    );
     assert_eq!(refused(|model| model.timelines[0][1] = 0.0), E::Keyframes);
     assert_eq!(refused(|model| model.timelines[0][0] = -1.0), E::Keyframes);
     assert_eq!(refused(|model| model.timelines[0][1] = f32::NAN), E::Keyframes);

@@ -1,5 +1,6 @@
 //! Mesh generators.
 
+use lodestream_geometry::mesh::skin::Skin;
 use lodestream_geometry::mesh::{Corner, SourceMesh};
 use lodestream_geometry::random::Random;
 
@@ -305,6 +306,17 @@ pub(crate) fn materials(mut mesh: SourceMesh, count: u16) -> SourceMesh {
     for (i, material) in mesh.materials.iter_mut().enumerate() {
         *material = ((i / 37) % usize::from(count)) as u16;
     }
+    mesh
+}
+
+/// The surface with skins of nine joints along x, each vertex between two or three.
+pub(crate) fn skinned(mut mesh: SourceMesh) -> SourceMesh {
+    let skin = |&[x, y, _]: &[f64; 3]| {
+        let at = (x + 3.0).clamp(0.0, 6.0);
+        let (low, share) = (at as u8, at - f64::from(at as u8));
+        Skin::new([(low, 1.0 - share), (low + 1, share), (8, 0.2 * y.max(0.0))])
+    };
+    mesh.skins = mesh.positions.iter().map(skin).collect();
     mesh
 }
 
