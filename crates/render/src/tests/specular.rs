@@ -95,11 +95,11 @@ fn transparent_surfaces_and_reflected_ones_use_the_same_factors() {
         let block_at = [at(0.0, 0.6, -1.0, 1.0)];
         let drawables =
             [Drawable { asset: &floor, instances: &here }, Drawable { asset: &block, instances: &block_at }];
-        let camera =
-            crate::Pose::look_at(DVec3::new(0.0, 1.5, 2.0), DVec3::new(0.0, 0.0, 0.0), DVec3::Y, 0.3);
+        // The block is seen, at the upper border.
+        let camera = crate::Pose::look_at(DVec3::new(0.0, 1.5, 2.0), DVec3::ZERO, DVec3::Y, 0.9);
         let [without, with] = [None, Some(Reflections::default())].map(|reflections| {
             let settings = Settings { reflections, ..bare() };
-            let environment = of_light(0.8, 0.0);
+            let environment = Environment { to_sun: environment.to_sun, ..of_light(0.8, 0.0) };
             h.frame(&Frame { environment, settings, ..Frame::new(camera, &drawables) }).unwrap();
             middle(&h, Resource::Radiance)[0]
         });
