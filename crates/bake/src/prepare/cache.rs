@@ -8,7 +8,7 @@ use crate::sources::Source;
 
 /// Version of the preparation. Increment it when the same input gives another pack of the same format version: after a
 /// change of the simplifier or of the texture encoders.
-pub(super) const PREPARATION_VERSION: u32 = 25;
+pub(super) const PREPARATION_VERSION: u32 = 26;
 
 /// BLAKE3 hash of everything that a pack depends on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
