@@ -18,6 +18,7 @@
 //! | `packs` | deterministic packs; caches; exports; checks |
 //! | `bad_input` | wrong input by users, and packs damaged on disk |
 //! | `window` | the viewer's program: first and last frame on the screen, and exit |
+//! | `window_keys`, `window_parts`, `window_animations` | what keys, mouse and dropped files do in it |
 //! | `local_files` | files that the viewer prepares itself |
 //! | `moving_window` | the same with a moving camera: nothing disappears |
 //! | `browser` | the page in a tab: picture, input, reconnection |
@@ -108,6 +109,8 @@ mod tls;
 mod walls;
 #[cfg(test)]
 mod window;
+#[cfg(test)]
+mod window_animations;
 #[cfg(test)]
 mod window_keys;
 #[cfg(test)]

@@ -1,7 +1,6 @@
 //! Parts in the viewer's window: a click selects one, keys hide, isolate, fit and show it.
 
 use std::path::Path;
-use std::time::{Duration, Instant};
 
 use image::RgbImage;
 use lodestream_bake::scene::of_files;
@@ -12,9 +11,9 @@ use lodestream_scene::description::{DEFAULT_AMBIENT, DEFAULT_BACKGROUND};
 use crate::parts::write_house;
 use crate::support::daemon::{Server, Transport};
 use crate::support::picture::skipped;
-use crate::support::program::{Program, RUN_LIMIT};
+use crate::support::program::Program;
 use crate::support::scene::{TestScene, prepare_all};
-use crate::support::window_pictures::{OTHER_PIXELS, differing, wait_for, wait_for_another};
+use crate::support::window_pictures::{OTHER_PIXELS, differing, wait_for, wait_for_another, wait_for_file};
 use crate::support::x11::F12;
 
 /// Part 7 is in the middle, 6 and 8 are beside it.
@@ -94,15 +93,7 @@ fn a_click_in_the_window_selects_a_part_and_keys_hide_isolate_fit_and_show_it() 
     wait_for(&window, "the start view again", &whole);
     window.press_symbol(F12);
     let written = folder.path().join("lodestream-001.png");
-    let until = Instant::now() + RUN_LIMIT;
-    // The file is empty until its picture is written.
-    let picture = loop {
-        match image::open(&written) {
-            Ok(picture) => break picture.into_rgb8(),
-            Err(why) => assert!(Instant::now() < until, "no picture is written: {why}"),
-        }
-        std::thread::sleep(Duration::from_millis(20));
-    };
+    let picture = wait_for_file(&written);
     let differs = differing(&picture, &whole);
     assert!(differs <= OTHER_PIXELS, "the written picture: {differs} of the pixels differ");
     window.ask_to_close();

@@ -1,5 +1,6 @@
 //! What a window shows, compared with pictures.
 
+use std::path::Path;
 use std::time::{Duration, Instant};
 
 use image::RgbImage;
@@ -45,6 +46,19 @@ pub(crate) fn wait(window: &OpenWindow, what: &str, is_wanted: impl Fn(&RgbImage
             let kept = std::env::temp_dir().join("lodestream-window.png");
             shown.save(&kept).unwrap();
             panic!("{what}: the window shows something else: {}", kept.display());
+        }
+        std::thread::sleep(Duration::from_millis(20));
+    }
+}
+
+/// Waits until the window has written a picture.
+pub(crate) fn wait_for_file(path: &Path) -> RgbImage {
+    let until = Instant::now() + RUN_LIMIT;
+    // The file is empty until its picture is written.
+    loop {
+        match image::open(path) {
+            Ok(picture) => return picture.into_rgb8(),
+            Err(why) => assert!(Instant::now() < until, "no picture is written: {why}"),
         }
         std::thread::sleep(Duration::from_millis(20));
     }

@@ -16,8 +16,10 @@ use x11rb::rust_connection::RustConnection;
 
 use super::drag_and_drop::drop_files;
 
-/// Keysyms: the left control key, Escape, F11 and F12.
+/// Keysyms: the left control and shift keys, Home, Escape, F11 and F12.
 const CONTROL: u32 = 0xffe3;
+pub(crate) const SHIFT: u32 = 0xffe1;
+pub(crate) const HOME: u32 = 0xff50;
 pub(crate) const ESCAPE: u32 = 0xff1b;
 pub(crate) const F11: u32 = 0xffc8;
 pub(crate) const F12: u32 = 0xffc9;
@@ -114,8 +116,16 @@ impl OpenWindow {
 
     /// Clicks with the left button.
     pub(crate) fn click(&self, x: i16, y: i16) {
-        self.point_at(x, y);
+        self.drag([x, y], [x, y]);
+    }
+
+    /// Drags with the left button, in one step.
+    pub(crate) fn drag(&self, from: [i16; 2], to: [i16; 2]) {
+        self.point_at(from[0], from[1]);
         self.hold_left();
+        if from != to {
+            self.point_at(to[0], to[1]);
+        }
         self.fake(BUTTON_RELEASE_EVENT, 1, 0, 0);
     }
 
@@ -150,7 +160,12 @@ impl OpenWindow {
 
     /// Holds the key of a letter while something is done.
     pub(crate) fn hold<T>(&self, letter: char, act: impl FnOnce() -> T) -> T {
-        let code = self.code_of(u32::from(letter));
+        self.hold_symbol(u32::from(letter), act)
+    }
+
+    /// Holds the key of a keysym while something is done.
+    pub(crate) fn hold_symbol<T>(&self, symbol: u32, act: impl FnOnce() -> T) -> T {
+        let code = self.code_of(symbol);
         self.focus();
         self.fake(KEY_PRESS_EVENT, code, 0, 0);
         let done = act();

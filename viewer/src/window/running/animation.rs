@@ -21,9 +21,9 @@ impl Animation {
         Self { playback, ..Self::default() }
     }
 
-    /// Lists clips and tells the client anew: there is another scene.
+    /// Lists clips and tells the client anew: there is another scene, which may have none.
     pub(super) fn forget(&mut self) {
-        (self.models, self.told) = (0, (None, Duration::ZERO));
+        *self = Self::new(self.playback.clone());
     }
 
     /// Whether it moves anything.

@@ -3,10 +3,12 @@
 use std::ffi::OsString;
 use std::path::PathBuf;
 
+use lodestream_bake::stderr::one_line;
 use lodestream_client::net::Address;
 use lodestream_render::SceneView;
 
 use super::Running;
+use super::animation::Animation;
 use super::streams::{Opening, prepare, stream, title};
 use crate::args::Args;
 use crate::frames::FrameLog;
@@ -44,7 +46,7 @@ impl Running {
             self.choices.panel = None;
         }
         if let Err(why) = self.open(args, &words) {
-            self.warn(format!("not opened: {why:#}"));
+            self.warn(format!("not opened: {}", one_line(why.as_ref())));
         }
         self.dirty = true;
         true
@@ -81,7 +83,7 @@ impl Running {
         let Some(opening) = &self.opening else { return Ok(false) };
         if let Some(why) = opening.files.take_failure() {
             self.opening = None;
-            self.warn(format!("not opened: {why:#}"));
+            self.warn(format!("not opened: {}", one_line(why.as_ref())));
             return Ok(true);
         }
         let Some(ready) = opening.files.take_ready() else { return Ok(false) };
@@ -107,7 +109,7 @@ impl Running {
         (self.part_list, self.measure, self.pivot) =
             (PartList::default(), Measure::default(), Pivot::default());
         self.section = Section::default();
-        self.animation.forget();
+        self.animation = Animation::new(crate::animation::playback(args));
         (self.shown, self.state, self.reported_incomplete) = (FrameLog::default(), State::Refining, false);
         (self.transport, self.stays_open, self.waiting) = (target.transport(), true, None);
         self.address = target.to_string();
