@@ -7,8 +7,10 @@ use image::RgbImage;
 use crate::support::picture::skipped;
 use crate::support::program::{Program, RUN_LIMIT, SIZE_PX};
 use crate::support::shapes::ball;
-use crate::support::window_pictures::{wait, wait_for, wait_for_another, wait_for_share};
-use crate::support::x11::{ESCAPE, F11};
+use crate::support::window_pictures::{
+    OTHER_PIXELS, differing, wait, wait_for, wait_for_another, wait_for_file, wait_for_share,
+};
+use crate::support::x11::{ESCAPE, F11, HOME, SHIFT};
 
 /// What a headless viewer draws of a file.
 fn drawn(file: &Path, folder: &Path) -> RgbImage {
@@ -50,6 +52,14 @@ fn dropped_files_are_shown_one_after_another_and_a_bad_one_leaves_the_picture() 
     assert_eq!(ended.status.code(), Some(0), "{}", String::from_utf8_lossy(&ended.stderr));
     let left: Vec<_> = std::fs::read_dir(at("cache")).unwrap().map(|entry| entry.unwrap().path()).collect();
     assert!(left.iter().all(|path| path.extension().is_some_and(|own| own == "lsp")), "{left:?}");
+}
+
+/// Number of pixels with the tint of a selected part, and their mean column.
+fn tinted(shown: &RgbImage) -> (usize, f64) {
+    let is_tinted = |pixel: &image::Rgb<u8>| pixel.0[0] > pixel.0[2] + 40;
+    let columns: Vec<f64> =
+        shown.enumerate_pixels().filter(|(.., pixel)| is_tinted(pixel)).map(|(x, ..)| f64::from(x)).collect();
+    (columns.len(), columns.iter().sum::<f64>() / columns.len() as f64)
 }
 
 #[test]
@@ -106,11 +116,10 @@ fn each_key_and_button_changes_the_picture_and_back() {
     wait_for(&window, "away again", &whole);
     // A click selects the box, which is tinted, and a double click frames its sphere, so that it becomes smaller.
     window.click(x, y);
-    let tinted = |shown: &RgbImage| shown.pixels().filter(|pixel| pixel.0[0] > pixel.0[2] + 40).count();
-    let selected = wait(&window, "a selected part", |shown| tinted(shown) > 2_000);
+    let selected = wait(&window, "a selected part", |shown| tinted(shown).0 > 2_000);
     window.click(x, y);
     window.click(x, y);
-    wait(&window, "a framed part", |shown| (500..tinted(&selected) * 9 / 10).contains(&tinted(shown)));
+    wait(&window, "a framed part", |shown| (500..tinted(&selected).0 * 9 / 10).contains(&tinted(shown).0));
     window.press('u');
     window.press('0');
     wait_for(&window, "the start view", &whole);
@@ -123,6 +132,58 @@ fn each_key_and_button_changes_the_picture_and_back() {
     wait_for(&window, "no measuring", &whole);
     window.wait_for_full_screen(RUN_LIMIT, || window.press_symbol(F11));
     window.wait_for_full_screen(RUN_LIMIT, || window.press_symbol(ESCAPE));
+    window.press_with_control('q');
+    let ended = program.end();
+    assert_eq!(ended.status.code(), Some(0), "{}", String::from_utf8_lossy(&ended.stderr));
+}
+
+#[test]
+fn a_drag_turns_the_eye_in_flight_and_keys_move_it_fast_and_write_pictures() {
+    if skipped() {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("box.obj");
+    std::fs::write(&file, BOX).unwrap();
+    let whole = drawn(&file, folder.path());
+    let cache = folder.path().join("cache");
+    let program = Program::in_window_from(
+        folder.path(),
+        file.to_str().unwrap(),
+        &["--no-overlay", "--cache", cache.to_str().unwrap()],
+    );
+    let window = program.window();
+    let [x, y] = SIZE_PX.map(|side| i16::try_from(side / 2).unwrap());
+    window.point_at(x, y);
+    wait_for(&window, "the file", &whole);
+    // The letter alone would move back.
+    window.press_with_control('s');
+    let written = wait_for_file(&folder.path().join("lodestream-001.png"));
+    let differs = differing(&written, &whole);
+    assert!(differs <= OTHER_PIXELS, "the written picture: {differs} of the pixels differ");
+    wait_for(&window, "the camera has not moved", &whole);
+    for key in ['w', 's', 'a', 'd'] {
+        window.hold_symbol(SHIFT, || {
+            window.hold(key, || wait_for_another(&window, &format!("shift and {key:?}: moved"), &whole));
+        });
+        window.press_symbol(HOME);
+        wait_for(&window, &format!("shift and {key:?}: back"), &whole);
+    }
+    window.click(x, y);
+    let selected = wait(&window, "a selected part", |shown| tinted(shown).0 > 2_000);
+    let (_, middle) = tinted(&selected);
+    let shift = |shown: &RgbImage| (tinted(shown).1 - middle).abs();
+    // The same drag turns the box about itself, and in flight the eye, by 0.2 rad.
+    let drag = || window.drag([x, y], [x + 40, y]);
+    for flies in [false, true, false] {
+        drag();
+        wait(&window, &format!("a drag, in flight: {flies}"), |shown| {
+            differing(shown, &selected) > 5.0 * OTHER_PIXELS && (shift(shown) > 25.0) == flies
+        });
+        window.press('0');
+        wait_for(&window, "the start view", &selected);
+        window.press('v');
+    }
     window.press_with_control('q');
     let ended = program.end();
     assert_eq!(ended.status.code(), Some(0), "{}", String::from_utf8_lossy(&ended.stderr));

@@ -150,6 +150,20 @@ mod tests {
     }
 
     #[test]
+    fn a_key_moves_four_times_as_fast_with_shift() {
+        let camera = Camera { eye: [0.0, 0.0, 10.0], target: [0.0; 3], up: [0.0, 1.0, 0.0], fov_y: 1.0 };
+        let moved = [&[KeyCode::KeyD][..], &[KeyCode::ShiftLeft, KeyCode::KeyD]].map(|held| {
+            let (mut controller, mut keys) = (CameraController::new(camera), usual());
+            for &code in held {
+                keys.set(Duration::from_secs(1), code, true, Some(&mut controller));
+            }
+            keys.advance(Duration::from_secs(2), Some(&mut controller));
+            controller.pose().eye.x
+        });
+        assert!(moved[0] > 1.0 && (moved[1] - 4.0 * moved[0]).abs() < 1e-9, "{moved:?}");
+    }
+
+    #[test]
     fn letters_with_control_do_not_move_the_camera() {
         let mut keys = usual();
         for (code, pressed) in
