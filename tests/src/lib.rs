@@ -92,6 +92,7 @@ mod settled;
 mod silence;
 #[cfg(test)]
 mod skins;
+#[cfg(test)]
 mod static_host;
 #[cfg(test)]
 mod stores;

@@ -59,13 +59,13 @@ impl Skin {
     /// The skin of at most four distinct joints whose weights have the sum [`WHOLE`]; else `None`.
     pub(crate) fn of(influences: impl IntoIterator<Item = (u8, u8)>) -> Option<Self> {
         let mut skin = Self { joints: [0; MAX_INFLUENCES], weights: [0; MAX_INFLUENCES] };
-        let mut count = 0;
-        for (joint, weight) in influences.into_iter().filter(|influence| influence.1 > 0) {
-            // Insertion in order of the joints.
-            let mut at = count;
+        let given = influences.into_iter().filter(|influence| influence.1 > 0);
+        for (count, (joint, weight)) in given.enumerate() {
             if count == MAX_INFLUENCES {
                 return None;
             }
+            // Insertion in order of the joints.
+            let mut at = count;
             while at > 0 && skin.joints[at - 1] >= joint {
                 if skin.joints[at - 1] == joint {
                     return None;
@@ -74,7 +74,6 @@ impl Skin {
                 at -= 1;
             }
             (skin.joints[at], skin.weights[at]) = (joint, weight);
-            count += 1;
         }
         let sum: u32 = skin.weights.iter().map(|&weight| u32::from(weight)).sum();
         (sum == u32::from(WHOLE)).then_some(skin)

@@ -210,7 +210,8 @@ fn instances_have_states_of_their_own() {
     }
     // All instances but the second.
     let shown = InstanceStates::default();
-    let only_second = PartStates { others: PartState::HIDDEN, instances: [(1, shown)].into() };
+    let only_second =
+        PartStates { others: PartState::HIDDEN, instances: [(1, shown)].into(), ..PartStates::default() };
     asset.set_part_states(h.gpu(), only_second).unwrap();
     assert!(second == draw_instances(&mut h, &asset, &places, Settings::default()));
     asset.set_part_states(h.gpu(), PartStates::default()).unwrap();
