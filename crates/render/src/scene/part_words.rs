@@ -194,7 +194,8 @@ mod tests {
         let numbers: Vec<f32> =
             words.words[at + 1..at + 25].iter().map(|word| f32::from_bits(*word)).collect();
         // x: 2e6 - 1e6 - 1e6; y: 1 + 1e6 - 1e6.
-        assert!((numbers[1] + 1.0).abs() < 1e-6 && numbers[3] == 0.0 && numbers[7] == 1.0, "{numbers:?}");
+        let near = |at: usize, value: f32| (numbers[at] - value).abs() < 1e-6;
+        assert!(near(1, -1.0) && near(3, 0.0) && near(7, 1.0), "{numbers:?}");
         assert_eq!(numbers[12..], [1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0]);
     }
 }
