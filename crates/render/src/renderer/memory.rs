@@ -35,14 +35,14 @@ impl Renderer {
 
 impl Settings {
     /// The most that [`Renderer::target_bytes`] can be in a target of a size without depth, whatever the scene has, sky
-    /// maps and a studio's ground apart (of fixed size, less than a megabyte and two). For pictures, not for debug views.
+    /// maps and a studio's ground apart (of fixed size, less than a megabyte and two), and the target of materials with
+    /// specular reflection of their own (8 bytes a pixel, in frames that have some). For pictures, not for debug views.
     #[must_use]
     pub fn most_target_bytes(&self, size: (u32, u32)) -> u64 {
         let size = (drawn_side(size.0, self.render_scale), drawn_side(size.1, self.render_scale));
         let temporal = self.anti_aliasing == AntiAliasing::Temporal;
         let needs = Needs {
             geometry: true,
-            specular: true,
             occlusion: self.occlusion.is_some(),
             shadows: self.shadows.is_some(),
             punctual_lights: self.lights.is_some(),
