@@ -150,7 +150,8 @@ impl Posed {
         self.joints.first().is_some_and(|joint| joint.determinant() < 0.0)
     }
 
-    /// The weighted sum of a vertex's joints, or that of the bind pose if they move; `None` without a skin. Weights count in proportion, as files round them.
+    /// The weighted sum of a vertex's joints, or the map of the bind pose if they move; `None` without a skin. Weights count
+    /// in proportion, as files round them.
     fn matrix(&self, index: usize) -> Option<DMat4> {
         if let Some(skeleton) = &self.skeleton {
             return Some(skeleton.reference);
