@@ -342,7 +342,7 @@ class Reader:
             "first_asset": self.f("first_asset", self.b.u32),
             "first_instance": self.f("first_instance", self.b.u32),
             "assets": self.vec("assets", self.asset, 64),
-            "instances": self.instances(),
+            "instances": self.instances(64),
             "first_proxy": self.f("first_proxy", self.b.u32),
             "proxies": self.vec("proxies", self.proxy, 64),
         }
@@ -386,11 +386,11 @@ class Reader:
             "of": self.f("of", self.b.u16),
         }
 
-    def instances(self):
+    def instances(self, most):
         before = {"asset": 0, "translation": [0.0] * 3, "rotation": [0.0, 0.0, 0.0, 1.0], "scale": 1.0}
         found, exponent = [], 0
         count = self.f("instances", self.b.u64)
-        ensure(count <= 64, f"{count} instances")
+        ensure(count <= most, f"{count} instances")
         for _ in range(count):
             flags = self.f("flags", self.b.u8)
             ensure(flags < 64, f"unknown flags of an instance: {flags}")
@@ -623,13 +623,16 @@ class Reader:
 
     def part_page(self):
         version = self.f("version", self.b.u8)
-        ensure(version == 1, f"a page of parts of format version {version}")
+        ensure(version in (1, 2), f"a page of parts of format version {version}")
+        places = [[place[name] for name in ("translation", "rotation", "scale")] for place in self.instances(256)] if version == 2 else []
         records, before = [], [b"", b"", b""]
         while self.b.left():
             before = [self.f(name, lambda: self.continued(text, most)) for name, text, most in
                       zip(("name", "path", "extras"), before, (255, 1024, 4096))]
-            records.append([text.decode("utf-8") for text in before])
+            place = places[len(records)] if len(records) < len(places) else [[0.0] * 3, [0.0, 0.0, 0.0, 1.0], 1.0]
+            records.append([text.decode("utf-8") for text in before] + place)
         ensure(1 <= len(records) <= 256, f"{len(records)} records on a page")
+        ensure(len(places) in (0, len(records)), f"{len(places)} placements of {len(records)} records")
         return records
 
     def continued(self, before, most):

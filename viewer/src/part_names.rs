@@ -69,6 +69,7 @@ mod tests {
     use lodestream_client::core::PartAbsence;
     use lodestream_scene::parts::PartInfo;
     use lodestream_scene::parts::ScenePart;
+    use lodestream_scene::placement::Placement;
 
     use super::*;
 
@@ -79,6 +80,7 @@ mod tests {
             name: "door\u{9b}31m\n\u{202e}\"x\"".into(),
             path: "site/größe".into(),
             extras: Some("{\"id\":7}".into()),
+            in_file: Placement::default(),
         };
         let text = line(&PartAnswer { id, info: Ok(info.clone()) });
         assert!(text.contains("größe") && !text.contains(['\u{9b}', '\n', '\u{202e}']), "{text}");

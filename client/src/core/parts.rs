@@ -12,7 +12,7 @@ use lodestream_select::{Priority, State, Wanted};
 pub(super) const MAX_LOOKUPS: usize = 1024;
 
 /// The answer to a lookup.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct PartAnswer {
     /// The part.
     pub id: ScenePart,

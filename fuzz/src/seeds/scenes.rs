@@ -5,6 +5,7 @@ use lodestream_scene::animation::{
     SkinJoint,
 };
 use lodestream_scene::parts::{self, PartInfo};
+use lodestream_scene::placement::Placement;
 use lodestream_scene::punctual_lights::{
     PunctualLight, PunctualLightPageEntry, Spot, encode_directory, encode_page,
 };
@@ -64,6 +65,7 @@ pub(super) fn parts() -> Vec<(String, Vec<u8>)> {
         name: format!("door {n}"),
         path: format!("site/building {}/floor {}", n / 9, n % 3),
         extras: n.is_multiple_of(2).then(|| format!("{{\"number\":{n}}}")),
+        ..PartInfo::default()
     };
     let page = |count: u32| {
         let records: Vec<PartInfo> = (0..count).map(called).collect();
@@ -77,8 +79,18 @@ pub(super) fn parts() -> Vec<(String, Vec<u8>)> {
         name: "n".repeat(parts::MAX_NAME_BYTES),
         path: "p".repeat(parts::MAX_PATH_BYTES),
         extras: Some(format!("\"{}\"", "e".repeat(parts::MAX_EXTRAS_BYTES - 2))),
+        ..PartInfo::default()
     };
     let long = parts::encode_page(&[longest.clone(), longest]).expect("a page is encoded");
+    // Doors in a row far from the origin, the last turned.
+    let mut row: Vec<PartInfo> = (0..12)
+        .map(|n| {
+            let in_file = Placement::at([408_201.5 + f64::from(n), 17.0, 4_080_928.0]);
+            PartInfo { in_file, ..called(n) }
+        })
+        .collect();
+    row[11].in_file.rotation = [0.0, 0.6, 0.0, 0.8];
+    let row = parts::encode_page(&row).expect("a page is encoded");
     // Instances of three models in turn.
     let many: Vec<_> = (0..200).map(|n| [0..1, 1..8, 8..9][n % 3].clone()).collect();
     vec![
@@ -86,6 +98,7 @@ pub(super) fn parts() -> Vec<(String, Vec<u8>)> {
         seed("some", with(0, 20, page(20))),
         seed("whole-page", with(0, 256, page(256))),
         seed("long", with(0, 2, long)),
+        seed("placed", with(0, 12, row)),
         seed("directory", with(1, 4, directory(&[0..300, 300..301, 300..301, 301..302]))),
         seed("many-instances", with(1, 200, directory(&many))),
         seed("animation", with(2, 1, door())),

@@ -17,6 +17,7 @@ use lodestream_scene::asset::{
 use lodestream_scene::blob::{PartBlob, PunctualLightBlob, TerrainBlob};
 use lodestream_scene::description::{AssetEntry, Instance, SceneHeader, ScenePage};
 use lodestream_scene::parts::{PartTable, decode_directory as decode_parts, decode_record};
+use lodestream_scene::placement::Placement;
 use lodestream_scene::proxy::Proxy;
 use lodestream_scene::punctual_lights::{
     First, PunctualLight, PunctualLightPageEntry, PunctualLights, decode_directory as decode_punctual_lights,
@@ -202,7 +203,17 @@ fn parts(blob: PartBlob, bytes: &[u8], table: PartTable, instances: u32) -> Valu
             let record = |number| decode_record(bytes, count, number).unwrap().unwrap();
             (0..count)
                 .map(record)
-                .map(|info| json!([info.name, info.path, info.extras.unwrap_or_default()]))
+                .map(|info| {
+                    let Placement { translation, rotation, scale } = info.in_file;
+                    json!([
+                        info.name,
+                        info.path,
+                        info.extras.unwrap_or_default(),
+                        translation,
+                        rotation,
+                        scale
+                    ])
+                })
                 .collect()
         }
     }

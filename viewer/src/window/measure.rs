@@ -6,6 +6,8 @@ use std::collections::VecDeque;
 use glam::DVec3;
 use lodestream_client::core::Ray;
 use lodestream_client::streaming::{Answer, Streaming};
+use lodestream_scene::parts::ScenePart;
+use lodestream_scene::placement::Placement;
 
 use super::visible::Visible;
 
@@ -13,6 +15,8 @@ use super::visible::Visible;
 const POINTS: usize = 3;
 /// Error in pixels at which a point is not looked up again.
 const SHARP_PX: f64 = 1.0;
+/// Coordinates that differ by less, as a share of their size, are the same.
+const SAME: f64 = 1e-9;
 /// Share of its bound to which a point's error must have fallen to be looked up again.
 const SHARPER: f64 = 0.8;
 
@@ -21,7 +25,9 @@ const SHARPER: f64 = 0.8;
 struct Found {
     place: DVec3,
     distance: f64,
-    /// The place in the units and axes of the asset's file.
+    /// The part, if it is drawn itself.
+    part: Option<ScenePart>,
+    /// The place in the units and axes of the asset.
     in_asset: Option<DVec3>,
     /// Bound of the error by which positions are rounded, world units.
     rounding: f64,
@@ -100,7 +106,8 @@ impl Measure {
             let hit = visible.pick(core, ray)?;
             let in_asset = core.in_asset(hit.instance, hit.place);
             let rounding = core.rounding(hit.instance).unwrap_or(f64::INFINITY);
-            Some(Found { place: hit.place, distance: hit.distance, in_asset, rounding })
+            let (place, distance, part) = (hit.place, hit.distance, hit.scene_part());
+            Some(Found { place, distance, part, in_asset, rounding })
         });
         self.asked.extend(answer.ok().map(|answer| Asked { ray, again, answer }));
     }
@@ -158,8 +165,15 @@ impl Measure {
         true
     }
 
-    /// What was measured, for the line below the picture; `None` while nothing is.
-    pub(super) fn describe(&self) -> Option<String> {
+    /// The part of a point that is alone, whose coordinates are shown.
+    pub(super) fn part(&self) -> Option<ScenePart> {
+        let [point] = &self.points[..] else { return None };
+        point.found.part
+    }
+
+    /// What was measured, for the line below the picture; `None` while nothing is. `in_file` takes places of a part's
+    /// asset to those of its file, if that is known.
+    pub(super) fn describe(&self, in_file: impl Fn(ScenePart) -> Option<Placement>) -> Option<String> {
         if !self.active {
             return None;
         }
@@ -172,7 +186,12 @@ impl Measure {
             }
             [a, b] => format!("distance {}", length(a, b, bound)),
             [a] => {
-                let own = self.points.first().and_then(|point| point.found.in_asset).filter(|own| *own != a);
+                let own = self
+                    .points
+                    .first()
+                    .and_then(|Point { found, .. }| Some(in_file(found.part?)?.to_world(found.in_asset?)));
+                // Placements are rounded to f32.
+                let own = own.filter(|own| own.distance(a) > SAME * a.length());
                 let own = own.map(|own| format!(", in its file {}", coordinates(own, bound)));
                 format!("at {}{} ± {}", coordinates(a, bound), own.unwrap_or_default(), short(bound))
             }
@@ -217,11 +236,12 @@ mod tests {
     fn measured(places: &[[f64; 3]], bound: f64) -> String {
         let ray = Ray { origin: DVec3::ZERO, direction: DVec3::Z };
         let point = |place: &[f64; 3]| {
-            let found = Found { place: DVec3::from(*place), distance: 1.0, in_asset: None, rounding: 0.0 };
+            let place = DVec3::from(*place);
+            let found = Found { place, distance: 1.0, part: None, in_asset: None, rounding: 0.0 };
             Point { ray, found, bound }
         };
         let points = places.iter().map(point).collect();
-        Measure { active: true, points, asked: VecDeque::new() }.describe().unwrap()
+        Measure { active: true, points, asked: VecDeque::new() }.describe(|_| None).unwrap()
     }
 
     #[test]
@@ -234,13 +254,35 @@ mod tests {
             "angle 90.00°, 1.000 ± 0.03 and 2.000 ± 0.03"
         );
         assert_eq!(measured(&[[1.0, 2.0, 3.0]], f64::INFINITY), "at 1.000 2.000 3.000 ± ?");
-        assert_eq!(Measure::default().describe(), None);
+        assert_eq!(Measure::default().describe(|_| None), None);
+    }
+
+    #[test]
+    fn a_point_alone_has_coordinates_of_its_file_where_they_are_others() {
+        let part = ScenePart { instance: 3, part: 0 };
+        let measure = |place: DVec3, in_asset: DVec3| {
+            let found =
+                Found { place, distance: 1.0, part: Some(part), in_asset: Some(in_asset), rounding: 0.0 };
+            let ray = Ray { origin: DVec3::ZERO, direction: DVec3::Z };
+            let points = vec![Point { ray, found, bound: 0.01 }];
+            Measure { active: true, points, asked: VecDeque::new() }
+        };
+        // A node of the file is 5 up and turned about y; the scene has the file elsewhere.
+        let node = Placement { rotation: [0.0, 1.0, 0.0, 0.0], ..Placement::at([100.0, 5.0, 0.0]) };
+        let measured = measure(DVec3::new(-7.0, 6.0, 0.0), DVec3::new(2.0, 1.0, 0.0));
+        assert_eq!(measured.part(), Some(part));
+        let known = |of: ScenePart| (of == part).then_some(node);
+        let text = "at -7.000 6.000 0.000, in its file 98.000 6.000 0.000 ± 0.01";
+        assert_eq!(measured.describe(known).unwrap(), text);
+        assert_eq!(measured.describe(|_| None).unwrap(), "at -7.000 6.000 0.000 ± 0.01", "not known yet");
+        let same = measure(DVec3::new(98.0, 6.0, 0.0), DVec3::new(2.0, 1.0, 0.0));
+        assert_eq!(same.describe(known).unwrap(), "at 98.000 6.000 0.000 ± 0.01");
     }
 
     #[test]
     fn bounds_are_the_pictures_error_where_the_surface_is_and_rounding() {
         let accuracy = Accuracy { error_px: 2.0, per_px: 0.01 };
-        let found = Found { place: DVec3::ZERO, distance: 5.0, in_asset: None, rounding: 0.25 };
+        let found = Found { place: DVec3::ZERO, distance: 5.0, part: None, in_asset: None, rounding: 0.25 };
         assert!((accuracy.bound(&found) - 0.35).abs() < 1e-12);
     }
 }

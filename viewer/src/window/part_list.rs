@@ -5,6 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use lodestream_client::streaming::{Answer, Streaming};
 use lodestream_render::HiddenParts;
 use lodestream_scene::parts::ScenePart;
+use lodestream_scene::placement::Placement;
 
 /// Most parts listed.
 const MOST: usize = 10_000;
@@ -20,12 +21,21 @@ pub(super) enum PartRequest {
     SetHidden(ScenePart, bool),
 }
 
+/// What is known of a part.
+#[derive(Debug, Default)]
+struct Known {
+    /// Path and name.
+    path: String,
+    in_file: Option<Placement>,
+}
+
 /// The list.
 #[derive(Debug, Default)]
 pub(super) struct PartList {
     parts: Vec<ScenePart>,
     asking: Option<Answer<Vec<ScenePart>>>,
-    names: BTreeMap<ScenePart, String>,
+    /// What is known of parts; nothing of those without names.
+    known: BTreeMap<ScenePart, Known>,
     /// Parts whose rows are in view.
     seen: Vec<ScenePart>,
     /// Parts whose names are being looked up.
@@ -49,7 +59,7 @@ impl PartList {
 
     /// Asks for a part's name, if it is not known.
     pub(super) fn look_up(&mut self, part: ScenePart, streaming: &Streaming) {
-        if !self.names.contains_key(&part) && self.asked.insert(part) && !streaming.look_up_part(part) {
+        if !self.known.contains_key(&part) && self.asked.insert(part) && !streaming.look_up_part(part) {
             self.asked.remove(&part);
         }
     }
@@ -70,12 +80,13 @@ impl PartList {
         }
         while let Some(answer) = streaming.take_part() {
             self.asked.remove(&answer.id);
-            if let Ok(info) = answer.info {
+            let known = answer.info.map(|info| {
                 let path =
                     if info.path.is_empty() { info.name } else { format!("{}/{}", info.path, info.name) };
-                self.names.insert(answer.id, path);
-                changed = true;
-            }
+                Known { path, in_file: Some(info.in_file) }
+            });
+            self.known.insert(answer.id, known.unwrap_or_default());
+            changed = true;
         }
         for part in std::mem::take(&mut self.seen) {
             self.look_up(part, streaming);
@@ -86,7 +97,13 @@ impl PartList {
     /// A part's name, or its numbers while it is not known.
     pub(super) fn name(&self, part: ScenePart) -> String {
         let numbers = || format!("{}:{}", part.instance, part.part);
-        self.names.get(&part).filter(|name| !name.is_empty()).cloned().unwrap_or_else(numbers)
+        let path = self.known.get(&part).map(|known| &known.path).filter(|path| !path.is_empty());
+        path.cloned().unwrap_or_else(numbers)
+    }
+
+    /// Takes places of a part's asset to those of its file; `None` while that is not known.
+    pub(super) fn in_file(&self, part: ScenePart) -> Option<Placement> {
+        self.known.get(&part)?.in_file
     }
 
     /// Draws the list.

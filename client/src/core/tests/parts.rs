@@ -4,6 +4,7 @@ use lodestream_protocol::frame::ServerFrame;
 use lodestream_protocol::message::ServerMessage;
 use lodestream_scene::blob::BlobId;
 use lodestream_scene::parts::{PartInfo, PartTable, ScenePart};
+use lodestream_scene::placement::Placement;
 
 use super::{Loopback, TestScene};
 use crate::core::{PartAbsence, PartAnswer};
@@ -17,6 +18,7 @@ fn called(number: u32) -> PartInfo {
         name: format!("part {number}"),
         path: "site/floor".into(),
         extras: Some(format!("{{\"number\":{number}}}")),
+        in_file: Placement::at([f64::from(number), 0.5, 0.0]),
     }
 }
 

@@ -76,6 +76,7 @@ mod tests {
 
     use lodestream_scene::description::AssetEntry;
     use lodestream_scene::parts::{PartTable, decode_directory, decode_record, records_of};
+    use lodestream_scene::placement::Placement;
     use lodestream_scene::{BlobId, PartBlob};
     use serde_json::json;
 
@@ -163,20 +164,21 @@ mod tests {
                     let info = called(part).unwrap();
                     let extras = format!("{{\"copy\":0,\"mesh\":{mesh}}}");
                     assert_eq!((info.name, &*info.path), (format!("part {mesh}.0"), "site/floor"));
-                    assert_eq!(info.extras, Some(extras));
+                    assert_eq!((info.extras, info.in_file), (Some(extras), Placement::default()));
                 }
                 assert_eq!(called(300), None);
             } else {
                 let copy = (instance.placement.translation[1] / 3.0) as u32;
                 copies.push(copy);
-                assert_eq!(called(0).unwrap().name, format!("part 7.{copy}"));
+                let info = called(0).unwrap();
+                assert_eq!((info.name, info.in_file), (format!("part 7.{copy}"), instance.placement));
                 assert_eq!(called(1), None);
             }
         }
         copies.sort_unstable();
         assert_eq!((batches, copies), (1, vec![0, 1, 2]));
         let bytes: usize = blobs.all().map(bytes::Bytes::len).sum();
-        assert!(bytes <= 303 * 24, "{bytes} bytes for 303 parts");
+        assert!(bytes <= 303 * 28, "{bytes} bytes for 303 parts");
     }
 
     #[test]
@@ -197,11 +199,12 @@ mod tests {
         for (number, instance) in (0..).zip(&instances) {
             let info = look_up(&blobs, 6, number, 0).unwrap();
             let [x, ..] = instance.placement.translation;
+            // The scene moves the hall, not its parts within it.
             let expected = match x as u32 {
-                0 | 200 => ("tree".to_owned(), ""),
-                x => (format!("part {}.0", x % 100 / 4), "town hall/site/floor"),
+                0 | 200 => ("tree".to_owned(), "", 0.0),
+                x => (format!("part {}.0", x % 100 / 4), "town hall/site/floor", f64::from(x % 100)),
             };
-            assert_eq!((info.name, &*info.path), expected, "at {x}");
+            assert_eq!((info.name, &*info.path, info.in_file.translation[0]), expected, "at {x}");
         }
     }
 

@@ -279,7 +279,7 @@ impl Scene {
             });
             alone.insert(index, instances.len() as u32);
             instances.push(Instance { asset: number, placement: placed.placement });
-            part_names.add([(placed.node, mesh)]);
+            part_names.add(placed.placement, [(placed.node, mesh)]);
         }
         for batch in batches {
             let name = names.take(&format!("{}/parts", model.name));
@@ -290,7 +290,8 @@ impl Scene {
             preparation_settings.uv_bits = preparation_settings.uv_bits.or(uv_bits);
             let asset = Asset { name, part: batch.part, preparation_settings, ..model.clone() };
             instances.push(Instance::at(self.add_asset(asset), [0.0; 3]));
-            part_names.add(batch.placed.iter().filter_map(|&placed| placed_parts[placed]));
+            let placed = batch.placed.iter().filter_map(|&placed| placed_parts[placed]);
+            part_names.add(Placement::default(), placed);
         }
         (instances, part_names, alone)
     }

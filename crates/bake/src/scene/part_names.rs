@@ -1,10 +1,11 @@
-//! What the parts of a model are called.
+//! What the parts of a model are called, and where they are in its file.
 
 use std::ops::Range;
 use std::sync::Arc;
 
 use lodestream_import::gltf::{Contents, PartNames};
 use lodestream_scene::parts::{MAX_PATH_BYTES, PartInfo};
+use lodestream_scene::placement::Placement;
 
 /// A part: a mesh of a file, and the node that places it.
 pub(super) type PlacedPart = (Option<u32>, usize);
@@ -20,19 +21,22 @@ pub struct ModelPartNames {
     /// Parts of all instances, and where those of each end.
     parts: Vec<PlacedPart>,
     ends: Vec<u32>,
+    /// Of each instance, its placement in the file.
+    in_file: Vec<Placement>,
 }
 
 impl ModelPartNames {
     /// A model of one part, called as the model.
     pub(super) fn of_one(model: &str) -> Self {
-        Self { model: model.to_owned(), file: None, parts: vec![(None, 0)], ends: vec![1] }
+        let (parts, ends, in_file) = (vec![(None, 0)], vec![1], vec![Placement::default()]);
+        Self { model: model.to_owned(), file: None, parts, ends, in_file }
     }
 
     /// A model with the whole of a glTF file as one mesh.
     pub(super) fn of_merged(model: &str, contents: &Contents) -> Self {
         let Some(parts) = contents.merged_parts() else { return Self::of_one(model) };
         let mut names = Self::of_file(model, Arc::clone(&contents.part_names));
-        names.add(parts);
+        names.add(Placement::default(), parts);
         names
     }
 
@@ -40,8 +44,9 @@ impl ModelPartNames {
         Self { model: model.to_owned(), file: Some(file), ..Self::default() }
     }
 
-    /// Adds the parts of the model's next instance.
-    pub(super) fn add(&mut self, parts: impl IntoIterator<Item = PlacedPart>) {
+    /// Adds the parts of the model's next instance, and where that is in the file.
+    pub(super) fn add(&mut self, in_file: Placement, parts: impl IntoIterator<Item = PlacedPart>) {
+        self.in_file.push(in_file);
         self.parts.extend(parts);
         self.ends.push(self.parts.len() as u32);
     }
@@ -60,13 +65,17 @@ impl ModelPartNames {
 
     /// What the parts are called, one after the other. Paths begin with the model's name if it is one `of_several`.
     pub(crate) fn infos(&self, of_several: bool) -> impl Iterator<Item = PartInfo> {
-        self.parts.iter().map(move |&(node, mesh)| match &self.file {
+        let mut start = 0;
+        let counts = self.ends.iter().map(move |&end| end - std::mem::replace(&mut start, end));
+        let placements = self.in_file.iter().zip(counts);
+        let placements = placements.flat_map(|(in_file, parts)| (0..parts).map(|_| *in_file));
+        self.parts.iter().zip(placements).map(move |(&(node, mesh), in_file)| match &self.file {
             Some(file) => {
                 let info = file.of(node, mesh);
                 let path = if of_several { self.below_model(&info.path) } else { info.path };
-                PartInfo { path, ..info }
+                PartInfo { path, in_file, ..info }
             }
-            None => PartInfo { name: self.model.clone(), ..PartInfo::default() },
+            None => PartInfo { name: self.model.clone(), in_file, ..PartInfo::default() },
         })
     }
 

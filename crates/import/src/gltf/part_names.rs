@@ -74,7 +74,7 @@ impl PartNames {
     }
 
     /// What a placed mesh is called: its node's name, else its mesh's; the names above its node; and its node's extras,
-    /// else its mesh's. Takes time and memory in proportion to the path, at most [`MAX_PATH_BYTES`].
+    /// else its mesh's; no placement. Takes time and memory in proportion to the path, at most [`MAX_PATH_BYTES`].
     #[must_use]
     pub fn of(&self, node: Option<u32>, mesh: usize) -> PartInfo {
         let node = node.and_then(|node| self.nodes.get(node as usize));
@@ -85,6 +85,7 @@ impl PartNames {
             name: own.or(mesh.map(|(name, _)| &**name)).unwrap_or_default().to_owned(),
             path: self.path(node.and_then(|node| node.above)),
             extras: extras.or(mesh.and_then(|(_, extras)| extras.as_deref())).map(str::to_owned),
+            ..PartInfo::default()
         }
     }
 

@@ -1,4 +1,4 @@
-//! What the parts of a scene are called: name, path and extras of every placed mesh of its files.
+//! What the parts of a scene are called: name, path and extras of every placed mesh of its files, and where it is there.
 //!
 //! A part is named by its instance and its number within the instance: the index among the members of a batch, else 0.
 //! Parts have *records*, on pages of [`RECORDS_PER_PAGE`]; instances of one model share records. A directory tells which
@@ -9,6 +9,7 @@ mod page;
 mod transform;
 
 use crate::encoding::{CodingError, encode_fields};
+use crate::placement::Placement;
 
 pub use directory::{INSTANCES_PER_PAGE, PartRun, decode_directory, encode_directory, records_of};
 pub use page::{MAX_PAGE_BYTES, RECORDS_PER_PAGE, check_page, decode_record, encode_page};
@@ -32,8 +33,8 @@ pub struct ScenePart {
     pub part: u32,
 }
 
-/// What a part is called.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+/// What a part is called, and where it is in its file.
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct PartInfo {
     /// Name of its node, or of its mesh if the node has none; at most [`MAX_NAME_BYTES`]. May be empty.
     pub name: String,
@@ -42,6 +43,8 @@ pub struct PartInfo {
     pub path: String,
     /// Its `extras` as JSON text without white space between tokens; at most [`MAX_EXTRAS_BYTES`].
     pub extras: Option<String>,
+    /// Takes places in the units and axes of the part's asset to those of its file.
+    pub in_file: Placement,
 }
 
 /// The table of a scene's parts: says that there is one, and its size.
@@ -83,6 +86,9 @@ pub enum PartsError {
     /// A text repeats more of the text before it than there is, or ends within a character.
     #[error("the {0} of a part does not continue the one before it")]
     Shared(&'static str),
+    /// A placement that is not finite, or whose scale is not above zero.
+    #[error("the placement of a part in its file is not finite, or has no size")]
+    Placement,
     /// An unknown format version.
     #[error("a page of parts has format version {0}; update viewer or server")]
     Version(u8),

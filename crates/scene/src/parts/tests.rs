@@ -5,7 +5,7 @@ use crate::encoding;
 
 fn record(name: &str, path: &str, extras: &str) -> PartInfo {
     let extras = Some(extras.to_owned()).filter(|extras| !extras.is_empty());
-    PartInfo { name: name.into(), path: path.into(), extras }
+    PartInfo { name: name.into(), path: path.into(), extras, ..PartInfo::default() }
 }
 
 fn some() -> Vec<PartInfo> {
@@ -36,6 +36,59 @@ fn names_and_paths_that_repeat_take_few_bytes() {
     assert!(page.len() <= 60 + 256 * 9, "{} bytes", page.len());
 }
 
+/// Windows in a row far from the origin, one of them turned, and a part without a placement.
+fn placed() -> Vec<PartInfo> {
+    let at = |n: u32| Placement::at([408_201.25 + 0.5 * f64::from(n), 17.0, 4_080_928.5]);
+    let mut records: Vec<PartInfo> = (0..40)
+        .map(|n| PartInfo { in_file: at(n), ..record(&format!("window {n}"), "facade", "") })
+        .collect();
+    records[7].in_file.rotation = [0.0, 0.6, 0.0, 0.8];
+    records[9].in_file.scale = 0.25;
+    records.push(record("all", "", ""));
+    records
+}
+
+#[test]
+fn placements_in_the_file_come_back_exactly_and_take_few_bytes() {
+    let records = placed();
+    let page = encode_page(&records).unwrap();
+    for (number, record) in (0..).zip(&records) {
+        assert_eq!(decode_record(&page, 41, number).unwrap().as_ref(), Some(record));
+    }
+    let texts: Vec<_> =
+        records.iter().map(|r| PartInfo { in_file: Placement::default(), ..r.clone() }).collect();
+    let texts = encode_page(&texts).unwrap();
+    assert_eq!(texts[0], 1, "pages without placements have no place for them");
+    assert!(page.len() - texts.len() <= 41 * 7, "{} bytes more", page.len() - texts.len());
+    for end in 0..page.len() {
+        assert!(check_page(&page[..end], 41).is_err(), "{end} bytes");
+    }
+    assert!(check_page(&page, 40).is_err() && check_page(&page, 42).is_err());
+}
+
+#[test]
+fn placements_that_are_not_finite_or_have_no_size_are_refused() {
+    let encoded =
+        |placement: Placement| encode_page(&[PartInfo { in_file: placement, ..record("a", "", "") }]);
+    let whole = Placement::at([1.0; 3]);
+    let bad = [
+        Placement::at([f64::NAN; 3]),
+        Placement { rotation: [f32::INFINITY, 0.0, 0.0, 1.0], ..whole },
+        Placement { scale: 0.0, ..whole },
+        Placement { scale: f32::NAN, ..whole },
+    ];
+    for placement in bad {
+        assert_eq!(encoded(placement), Err(PartsError::Placement));
+        let mut page = vec![2];
+        crate::instances::encode(&[crate::instances::Instance { asset: 0, placement }], &mut page).unwrap();
+        page.extend([0; 6]);
+        assert_eq!(check_page(&page, 1), Err(PartsError::Placement));
+    }
+    let mut other = vec![2];
+    crate::instances::encode(&[crate::instances::Instance::at(3, [1.0; 3])], &mut other).unwrap();
+    assert_eq!(check_page(&[&other[..], &[0; 6]].concat(), 1), Err(PartsError::Placement));
+}
+
 #[test]
 fn pages_that_are_cut_or_followed_by_bytes_are_refused() {
     let page = encode_page(&some()).unwrap();
@@ -51,7 +104,7 @@ fn pages_that_are_cut_or_followed_by_bytes_are_refused() {
 #[test]
 fn hostile_pages_are_refused() {
     let page = |bytes: &[u8]| check_page(&[&[1], bytes].concat(), 1);
-    assert_eq!(check_page(&[2, 0, 0, 0, 0, 0, 0], 1), Err(PartsError::Version(2)));
+    assert_eq!(check_page(&[3, 0, 0, 0, 0, 0, 0], 1), Err(PartsError::Version(3)));
     assert_eq!(page(&[1, 0, 0, 0, 0, 0]), Err(PartsError::Shared("name")));
     assert_eq!(page(&[0, 1, 0xff, 0, 0, 0, 0]), Err(PartsError::Malformed(CodingError::Utf8)));
     assert_eq!(

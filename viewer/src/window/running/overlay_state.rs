@@ -24,7 +24,7 @@ impl Running {
             is_empty: self.is_empty(),
             message: self.message(shows),
             progress: self.progress(),
-            tool: self.measure.describe(),
+            tool: self.measure.describe(|part| self.part_list.in_file(part)),
             marks: self.measure.places().into_iter().map(|place| self.pixel_of(place)).collect(),
             hidden_parts: if lists_parts { self.scene.hidden_parts() } else { HiddenParts::default() },
             selected: self.selection.selected(),

@@ -147,7 +147,7 @@ impl Running {
         let visible = || Visible::of(&self.scene, &self.settings);
         changed |= self.measure.receive(&accuracy, streaming, visible);
         changed |= self.section.receive(streaming);
-        if let Some(part) = self.selection.selected() {
+        for part in self.selection.selected().into_iter().chain(self.measure.part()) {
             self.part_list.look_up(part, streaming);
         }
         if self.choices.panel == Some(Panel::Parts) {
