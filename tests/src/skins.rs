@@ -25,7 +25,7 @@ const SIDES: u16 = 40;
 
 /// A tube from y = 0 to 4 whose upper half bends to −x by a right angle in two seconds. Its node is elsewhere, and in the
 /// file it rests with the upper half bent a little to the other side.
-fn write_arm(folder: &Path) -> PathBuf {
+pub(crate) fn write_arm(folder: &Path) -> PathBuf {
     let (mut bytes, mut views, mut accessors) = (Vec::new(), Vec::new(), Vec::new());
     let mut push = |list: Vec<u8>, kind: u32, shape: &str, count: usize| {
         views.push(json!({"buffer": 0, "byteOffset": bytes.len(), "byteLength": list.len()}));

@@ -54,12 +54,19 @@ const view = new View({
 });
 
 const selection = new Selection(view, canvas);
+const animate = (act) => () => {
+  if (view.viewer) act(view.viewer);
+  view.redraw();
+};
 const actions = {
   KeyF: () => view.viewer?.toggle(),
   KeyR: () => {
     view.viewer?.reset(now());
     view.redraw();
   },
+  KeyK: animate((viewer) => viewer.toggle_animation()),
+  Comma: animate((viewer) => viewer.step_clip(-1)),
+  Period: animate((viewer) => viewer.step_clip(1)),
   KeyH: () => element('overlay').classList.toggle('hidden'),
   KeyP: async () => {
     const link = document.createElement('a');

@@ -26,11 +26,16 @@ export function show(view, element, actions) {
     line.append(input, ` ${label}`);
     switches.append(line);
   }
-  const buttons = { picture: actions.KeyP, screen: actions.KeyV, start: actions.KeyR };
+  const buttons = { picture: actions.KeyP, screen: actions.KeyV, start: actions.KeyR, play: actions.KeyK };
   for (const [name, act] of Object.entries(buttons)) {
     element.querySelector(`.${name}`).addEventListener('click', act);
   }
   element.querySelector('.screen').hidden = !document.fullscreenEnabled;
+  const play = element.querySelector('.play');
+  view.addEventListener('clip', ({ detail: { clip, plays } }) => {
+    play.hidden = clip === undefined;
+    play.textContent = plays ? 'Pause' : 'Play';
+  });
 
   let last = null;
   let rate = 0;

@@ -17,6 +17,8 @@ const MEMORY_MB = { desktop: 512, phone: 256, least: 64 };
 const FIRST_SHARE = 0.2;
 /** Adapters that draw on the CPU, by the architecture that the browser tells. */
 const SOFTWARE = ['swiftshader', 'llvmpipe'];
+/** Interval at which the worker follows an animation, in milliseconds: picking and refinement need no more. */
+const FOLLOW_MS = 100;
 /** Most devices that are lost one after the other, each within `SOON_MS`, before that is an error. */
 const MAX_LOSSES = 5;
 const SOON_MS = 60_000;
@@ -27,7 +29,8 @@ const release = ({ pictures }) => pictures.forEach(({ bitmap }) => bitmap?.close
 const isPhone = () => matchMedia('(pointer: coarse)').matches && Math.min(screen.width, screen.height) < 900;
 
 /**
- * A view of a scene. Events: `firstframe`, `progress` (detail: the statistics), `settled`, `error` (detail: the message).
+ * A view of a scene. Events: `firstframe`, `progress` (detail: the statistics), `settled`, `error` (detail: the message),
+ * `clip` (detail: the shown clip and whether it plays, when either changes).
  * Options: `canvas`, `address` (see `openLink`), `module` (its address), `worker` (its address, or a function that starts
  * one), `decoder` (its address, if the module shares memory), `scene`, `token`, `targetPx`, `memory` (most megabytes of
  * heaps and GPU memory), `camera` (ten numbers).
@@ -59,6 +62,8 @@ export class View extends EventTarget {
   #sentBytes = 0;
   #pictures = [];
   #partNames = new PartLookups();
+  /** The animation's state that the worker was told last, and when. */
+  #told = { clip: undefined, time: undefined, plays: false, at: 0 };
   #observer = new ResizeObserver(() => this.#resize());
   /** Pixels of the device for each of the page, as the canvas has them. */
   #ratio = 0;
@@ -267,6 +272,7 @@ export class View extends EventTarget {
       viewer.upload(begun);
       times.push(now());
       const again = viewer.frame(begun) || this.#steps.length > 0;
+      this.#followAnimation(viewer);
       times.push(now());
       if (shown) this.#note(times);
       for (const take of this.#pictures.splice(0)) this.#canvas.toBlob(take, 'image/png');
@@ -277,6 +283,8 @@ export class View extends EventTarget {
       }
       if (again || moving || viewer.is_busy(now())) this.redraw();
       else this.#progress();
+      // An animation goes on when all the rest is final.
+      if (again && !this.#settled && this.#isSettled()) this.#progress();
     } catch (why) {
       this.#reopen(String(why?.message ?? why));
     }
@@ -314,6 +322,19 @@ export class View extends EventTarget {
     } catch (again) {
       this.#fail(String(again?.message ?? again));
     }
+  }
+
+  /** Tells the worker where the scene's clip is. */
+  #followAnimation(viewer) {
+    const [clip, time, plays, at] = [viewer.clip(), viewer.clip_time(), viewer.plays(), now()];
+    const told = this.#told;
+    if (clip !== told.clip || plays !== told.plays) {
+      this.dispatchEvent(new CustomEvent('clip', { detail: { clip, plays } }));
+    } else if (time === told.time || (plays && at < told.at + FOLLOW_MS)) {
+      return;
+    }
+    this.#told = { clip, time, plays, at };
+    if (clip !== undefined) this.#worker.postMessage({ kind: 'animate', clip, time });
   }
 
   #sendView() {

@@ -259,6 +259,10 @@ const handlers = {
     streamer?.bound_memory(bytes);
     turnSoon();
   },
+  animate({ clip, time }) {
+    streamer?.animate(clip, time);
+    turnSoon();
+  },
   shadows({ on }) {
     streamer?.set_shadows(on);
     turnSoon();

@@ -7,6 +7,8 @@
 
 #[cfg(feature = "checks")]
 mod checks;
+#[cfg(all(target_family = "wasm", feature = "viewer"))]
+mod clips;
 #[cfg(target_family = "wasm")]
 mod console;
 #[cfg(feature = "threads")]

@@ -2,6 +2,7 @@
 //! two have no memory in common. The encoding is that of the scene crate; it is never stored or sent over a network.
 
 use lodestream_client::core::{Change, IndexRun, MeshChange, NewAsset, TextureChange, TexturePixels, Vertex};
+use lodestream_geometry::mesh::skin::Skin;
 use lodestream_geometry::refine::RenderVertex;
 use lodestream_scene::animation::AnimatedModel;
 use lodestream_scene::blob::Tile;
@@ -192,8 +193,10 @@ fn decode_light<R: Reader>(reader: &mut R) -> Result<PunctualLight, CodingError>
     Ok(PunctualLight { position, intensity, range, spot })
 }
 
-/// Bytes of an encoded vertex.
+/// Bytes of an encoded vertex without its skin.
 const VERTEX_BYTES: usize = 56;
+/// Bytes of an encoded skin: four joints, four weights.
+const SKIN_BYTES: usize = 8;
 /// The word of flags holds whether the vertex is smooth, its level, and from this bit on its part, which has 20 bits.
 const PART_SHIFT: u32 = 9;
 /// Levels of an asset are at most 255.
@@ -202,12 +205,20 @@ const MAX_LEVEL: u32 = 255;
 const FACE_BYTES: usize = 12;
 
 fn encode_mesh(mesh: &MeshChange, out: &mut Vec<u8>) -> Result<(), CodingError> {
-    (5_u8, mesh.asset).encode(out)?;
+    let has_skins =
+        mesh.vertices.iter().flat_map(|(_, vertices)| vertices).any(|v| v.data.skin != Skin::default());
+    (5_u8, mesh.asset, u8::from(has_skins)).encode(out)?;
     length(mesh.vertices.len(), out)?;
     for (first, vertices) in &mesh.vertices {
         first.encode(out)?;
         length(vertices.len(), out)?;
-        vertices.iter().for_each(|vertex| out.extend_from_slice(&vertex_bytes(vertex)));
+        for vertex in vertices {
+            out.extend_from_slice(&vertex_bytes(vertex));
+            if has_skins {
+                out.extend_from_slice(&vertex.data.skin.joints());
+                out.extend_from_slice(&vertex.data.skin.weights());
+            }
+        }
     }
     length(mesh.indices.len(), out)?;
     for run in &mesh.indices {
@@ -250,21 +261,28 @@ fn vertex(bytes: &[u8]) -> Vertex {
             color: word(12),
             smooth: flags & 1 == 1,
             part: flags >> PART_SHIFT,
-            skin: Default::default(),
+            skin: skin(&bytes[VERTEX_BYTES..]),
         },
         birth_s: number(11),
         level: flags >> 1 & MAX_LEVEL,
     }
 }
 
+/// The skin of a vertex; the default one if no bytes are left for it.
+fn skin(bytes: &[u8]) -> Skin {
+    let Some((joints, weights)) = bytes.split_at_checked(SKIN_BYTES / 2) else { return Skin::default() };
+    Skin::of(joints.iter().copied().zip(weights.iter().copied())).unwrap_or_default()
+}
+
 fn decode_mesh<R: Reader>(reader: &mut R) -> Result<MeshChange, CodingError> {
     let asset = u32::decode(reader)?;
+    let size = VERTEX_BYTES + if u8::decode(reader)? == 0 { 0 } else { SKIN_BYTES };
     let mut bytes = Vec::new();
     let mut vertices = Vec::new();
     for _ in 0..count(reader)? {
         let first = u32::decode(reader)?;
-        read_elements(reader, VERTEX_BYTES, &mut bytes)?;
-        vertices.push((first, bytes.chunks_exact(VERTEX_BYTES).map(vertex).collect()));
+        read_elements(reader, size, &mut bytes)?;
+        vertices.push((first, bytes.chunks_exact(size).map(vertex).collect()));
     }
     let mut indices = Vec::new();
     for _ in 0..count(reader)? {

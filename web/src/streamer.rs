@@ -3,6 +3,8 @@
 use lodestream_client::core::{ClientCore, Config, Progress, StartView};
 use lodestream_protocol::frame::encode_client;
 use lodestream_protocol::message::{CloseCode, Token};
+#[cfg(feature = "viewer")]
+use lodestream_scene::animation::Moment;
 use lodestream_scene::encoding;
 use lodestream_scene::view::View;
 use wasm_bindgen::prelude::*;
@@ -220,6 +222,12 @@ impl Streamer {
         view.check().map_err(|why| format!("view: {why}"))?;
         self.core.set_view(time(now_ms), view);
         Ok(())
+    }
+
+    /// Sets which clip animated instances are in, and at what time in seconds, for picking and refinement.
+    #[cfg(feature = "viewer")]
+    pub fn animate(&mut self, clip: String, time_s: f64) {
+        self.core.animate(Some(Moment { clip, time_s }));
     }
 
     /// Whether objects out of view that cast shadows into it are refined too.

@@ -1,5 +1,6 @@
 //! The page's half: device, scene in GPU memory, camera and frames.
 
+mod animation;
 mod memory;
 
 use std::sync::Arc;
@@ -17,6 +18,7 @@ use lodestream_scene::parts::ScenePart;
 use lodestream_viewing::{CameraController, FULL, Mode, Quality, Step};
 use wasm_bindgen::prelude::*;
 
+use crate::clips::Clips;
 use crate::parts::{part_transform, scene_parts};
 use crate::steps;
 
@@ -37,6 +39,7 @@ pub struct Viewer {
     controller: Option<CameraController>,
     /// Camera to start from, instead of the scene's.
     start: Option<Camera>,
+    clips: Clips,
     quality: Quality,
     /// What was asked for.
     settings: Settings,
@@ -108,6 +111,7 @@ impl Viewer {
             scene,
             controller: None,
             start: None,
+            clips: Clips::new(),
             quality: Quality::new(software),
             settings: settings(software),
             fitted: settings(software),
@@ -223,6 +227,7 @@ impl Viewer {
     /// Errors of the graphics device; after a lost device, open another viewer.
     pub fn frame(&mut self, now_ms: f64) -> Result<bool, String> {
         let now_s = seconds(now_ms).as_secs_f32();
+        let plays = self.play(seconds(now_ms)).map_err(text)?;
         let moves = self.quality.is_moving(seconds(now_ms));
         if self.controller.is_none() {
             let camera = self.start.or(self.scene.header().map(|header| header.camera));
@@ -230,7 +235,7 @@ impl Viewer {
         }
         let Some(controller) = self.controller.filter(|_| self.scene.is_whole()) else { return Ok(true) };
         let step = self.step();
-        if self.is_unchanged(&controller)? {
+        if !plays && self.is_unchanged(&controller)? {
             self.scene.generate_tiles(WAITING_BUDGET);
             return Ok(true);
         }
@@ -238,7 +243,7 @@ impl Viewer {
         let limited = step.limit(&self.fitted);
         let settings = Settings {
             shadows: limited.shadows.map(|shadows| Shadows {
-                max_staleness: step.late_shadows.max(self.quality.late_shadows()),
+                max_staleness: if plays { 0 } else { step.late_shadows.max(self.quality.late_shadows()) },
                 ..shadows
             }),
             // A step sets the scale, whatever the memory allows.
@@ -271,15 +276,14 @@ impl Viewer {
             now_s - self.scene.changed_s() <= self.settings.morph_s || self.renderer.fades_texture_tiles();
         let full = !self.adapt || self.quality.is_full();
         let complete = !morphs
-            && !moves
-            && full
+            && (plays || !moves && full)
             && !counters.is_unfinished()
             && counters.late_shadow_maps == 0
             && self.scene.waiting() == 0;
         self.is_final = complete && self.scene.missing_tiles() == 0;
         self.only_tiles_missing = complete && !self.is_final;
         self.counters = counters;
-        Ok(!self.is_final)
+        Ok(!self.is_final || plays)
     }
 
     /// Whether the next picture would equal the last: only terrain tiles are missing, and the new ones do not suffice for
@@ -378,7 +382,7 @@ impl Viewer {
         let transform = matrix.as_deref().map(part_transform).transpose()?;
         let state = (ScenePart { instance, part }, PartState { hidden, tint, transform });
         self.scene.set_parts(&self.gpu, &[state]).map_err(text)?;
-        self.changed_parts();
+        self.scene_changed();
         Ok(())
     }
 
@@ -389,7 +393,7 @@ impl Viewer {
     pub fn isolate_parts(&mut self, pairs: Option<Vec<u32>>) -> Result<(), String> {
         let parts = pairs.map(|pairs| scene_parts(&pairs));
         self.scene.isolate_parts(&self.gpu, parts.as_deref()).map_err(text)?;
-        self.changed_parts();
+        self.scene_changed();
         Ok(())
     }
 
@@ -399,11 +403,11 @@ impl Viewer {
     /// Errors of the graphics device.
     pub fn clear_parts(&mut self) -> Result<(), String> {
         self.scene.clear_parts(&self.gpu).map_err(text)?;
-        self.changed_parts();
+        self.scene_changed();
         Ok(())
     }
 
-    fn changed_parts(&mut self) {
+    fn scene_changed(&mut self) {
         self.is_final = false;
         self.dirty = true;
     }

@@ -1,6 +1,7 @@
 //! The page in a browser tab: streamed by a daemon, drawn by WebGPU in software, moved by mouse, wheel and fingers.
 
 mod address;
+mod animations;
 mod checks;
 mod device;
 mod devtools;

@@ -6,6 +6,7 @@ use image::RgbaImage;
 use lodestream_client::core::Change;
 use lodestream_render::image_compare::{Comparison, compare};
 use lodestream_render::{Gpu, Headless, SceneView, Settings};
+use lodestream_scene::animation::Moment;
 
 use super::PICTURE_PX;
 
@@ -43,9 +44,15 @@ pub(crate) fn headless_of([width, height]: [u32; 2]) -> Option<Headless> {
 /// Draws a renderer's changes from the scene's start camera, with all effects on, at a time after the end of every
 /// morph.
 pub(crate) fn draw(headless: &mut Headless, changes: Vec<Change>) -> Picture {
+    draw_at(headless, changes, None)
+}
+
+/// The same at a time of a clip.
+pub(crate) fn draw_at(headless: &mut Headless, changes: Vec<Change>, moment: Option<Moment>) -> Picture {
     let mut view = SceneView::new();
     view.push(changes);
     view.upload(headless.gpu(), headless.renderer(), usize::MAX, 0.0).unwrap();
+    view.animate(headless.gpu(), moment).unwrap();
     let camera = view.header().expect("a scene").camera.pose();
     let settings = Settings::default();
     view.prepare_ground(headless.gpu(), &camera, headless.size(), 1.0, settings.shadows).unwrap();

@@ -13,7 +13,7 @@ fn vertex_of(level: u32) -> Vertex {
             morph_from: [-1.0, 0.5, f32::MAX],
             smooth: level % 2 == 1,
             part: (level * 4093) & 0xF_FFFF,
-            skin: Default::default(),
+            skin: Skin::new([(level as u8 % 5, 0.25), (9, 0.75)]),
         },
         birth_s: 12.5,
         level,

@@ -57,7 +57,8 @@ impl Skin {
     }
 
     /// The skin of at most four distinct joints whose weights have the sum [`WHOLE`]; else `None`.
-    pub(crate) fn of(influences: impl IntoIterator<Item = (u8, u8)>) -> Option<Self> {
+    #[must_use]
+    pub fn of(influences: impl IntoIterator<Item = (u8, u8)>) -> Option<Self> {
         let mut skin = Self { joints: [0; MAX_INFLUENCES], weights: [0; MAX_INFLUENCES] };
         let given = influences.into_iter().filter(|influence| influence.1 > 0);
         for (count, (joint, weight)) in given.enumerate() {
