@@ -42,8 +42,8 @@ install_packages() {
 }
 
 # Installs missing system packages: a C and C++ toolchain, and Vulkan with at least a software driver. With "window", also
-# the libraries that a window under X11 loads at run time; with "tests", also those, python3, Chromium and an X server without a
-# screen.
+# the libraries that a window under Wayland or X11 loads at run time; with "tests", also those, python3, Chromium, and an X server and a
+# Wayland compositor without a screen.
 ensure_system() {
     local missing=()
     have cc && have c++ || missing+=(build-essential)
@@ -59,6 +59,7 @@ ensure_system() {
             fi
         fi
         [ "$(uname -s)" != Linux ] || have Xvfb || missing+=(xvfb)
+        [ "$(uname -s)" != Linux ] || have weston || missing+=(weston)
     fi
     if ! have cargo && ! [ -x "$HOME/.cargo/bin/cargo" ]; then
         have curl || missing+=(curl ca-certificates)
@@ -67,6 +68,7 @@ ensure_system() {
         have_library libvulkan.so.1 || missing+=(libvulkan1)
         have_vulkan_driver || missing+=(mesa-vulkan-drivers)
         if [ "${1:-}" = window ] || [ "${1:-}" = tests ]; then
+            have_library libwayland-client.so.0 || missing+=(libwayland-client0)
             have_library libX11-xcb.so.1 || missing+=(libx11-xcb1)
             have_library libXcursor.so.1 || missing+=(libxcursor1)
             have_library libXi.so.6 || missing+=(libxi6)

@@ -97,6 +97,32 @@ fn the_first_frame_on_the_screen_is_complete_and_no_later_one_lacks_an_object() 
     server.assert_healthy();
 }
 
+/// Its window is one of Wayland: there is no X server.
+#[test]
+fn a_window_under_wayland_shows_the_scene() {
+    if skipped() {
+        return;
+    }
+    let server = Server::start(TestScene::small().source(), SessionSettings::default());
+    let folder = tempfile::tempdir().unwrap();
+    let (frames, stats) = (folder.path().join("frames"), folder.path().join("stats.json"));
+    let arguments = ["--no-overlay", "--exit-when-settled", "--frames"];
+    let arguments =
+        [&arguments[..], &[frames.to_str().unwrap(), "--stats", stats.to_str().unwrap()]].concat();
+    let window = Program::under_wayland(&server.url(Transport::Quic), &arguments);
+    let (code, errors) = ended(&window.end());
+    assert_eq!(code, Some(0), "{errors}");
+    let stats = json(&stats);
+    assert!(stats["settled"] == true && stats["settled_presented_ms"].is_f64(), "{stats}");
+    // A compositor may choose the size.
+    let shown = last_picture(&frames);
+    let mut headless = headless_of([shown.width(), shown.height()]).unwrap();
+    let native = draw(&mut headless, TestScene::small().whole());
+    let flip = image_error(&shown, &native.image).unwrap().flip;
+    assert!(flip <= MAX_SETTLED_FLIP, "{flip}");
+    server.assert_healthy();
+}
+
 /// Checks that the viewer does not report settled while a chunk is missing.
 #[test]
 fn a_picture_with_a_missing_chunk_is_incomplete_with_its_exit_code() {

@@ -13,7 +13,9 @@ use tracing_subscriber::registry::LookupSpan;
 use tracing_subscriber::util::SubscriberInitExt as _;
 
 /// Default filter: of libraries, only errors.
-const DEFAULT_FILTER: &str = "error,lodestream_client=info,lodestream_render=info,lodestream_viewer=info";
+/// Not that a desktop does not tell the colours of its title bars.
+const DEFAULT_FILTER: &str =
+    "error,lodestream_client=info,lodestream_render=info,lodestream_viewer=info,sctk_adwaita=off";
 /// Prefix of the project's crates.
 const CRATE_PREFIX: &str = "lodestream_";
 /// Most characters of a library's line.

@@ -5,15 +5,19 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
+use tempfile::TempDir;
+
 use super::x11::OpenWindow;
 
 /// Time limit of a run; far above what it needs on a busy machine without a GPU.
 pub(crate) const RUN_LIMIT: Duration = Duration::from_secs(240);
 
-/// A virtual X server on its own display.
+/// A virtual X server, or Wayland compositor, on its own display.
 pub(crate) struct Display {
     server: Child,
     name: String,
+    /// Runtime folder of a Wayland compositor, which holds its socket.
+    runtime: Option<TempDir>,
 }
 
 impl Display {
@@ -29,7 +33,26 @@ impl Display {
         let mut number = String::new();
         BufReader::new(server.stdout.take().unwrap()).read_line(&mut number).unwrap();
         assert!(!number.trim().is_empty(), "Xvfb has ended");
-        Self { server, name: format!(":{}", number.trim()) }
+        Self { server, name: format!(":{}", number.trim()), runtime: None }
+    }
+
+    /// A Wayland compositor without a screen.
+    pub(crate) fn wayland() -> Self {
+        let (runtime, name) = (tempfile::tempdir().unwrap(), "wayland-test");
+        let mut server = Command::new("weston")
+            .args(["--backend=headless-backend.so", "--idle-time=0", "--socket", name])
+            .env("XDG_RUNTIME_DIR", runtime.path())
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .spawn()
+            .expect("these tests need weston (Debian and Ubuntu: apt-get install weston), or LODESTREAM_SKIP_GPU=1");
+        let until = Instant::now() + RUN_LIMIT;
+        while !runtime.path().join(name).exists() {
+            assert!(server.try_wait().unwrap().is_none(), "weston has ended");
+            assert!(Instant::now() < until, "weston has no socket");
+            std::thread::sleep(Duration::from_millis(20));
+        }
+        Self { server, name: name.into(), runtime: Some(runtime) }
     }
 }
 
@@ -67,13 +90,22 @@ impl Program {
     /// As [`Self::in_window`], with a current folder.
     pub(crate) fn in_window_from(folder: &Path, address: &str, arguments: &[&str]) -> Self {
         let display = Display::start();
-        Self { child: spawn(folder, Some(address), arguments, Some(&display.name)), display: Some(display) }
+        Self { child: spawn(folder, Some(address), arguments, Some(&display)), display: Some(display) }
+    }
+
+    /// Opens a small window of a Wayland compositor.
+    pub(crate) fn under_wayland(address: &str, arguments: &[&str]) -> Self {
+        let display = Display::wayland();
+        Self {
+            child: spawn(Path::new("."), Some(address), arguments, Some(&display)),
+            display: Some(display),
+        }
     }
 
     /// Opens a small window without anything in it.
     pub(crate) fn in_empty_window(arguments: &[&str]) -> Self {
         let display = Display::start();
-        let child = spawn(Path::new("."), None, arguments, Some(&display.name));
+        let child = spawn(Path::new("."), None, arguments, Some(&display));
         Self { child, display: Some(display) }
     }
 
@@ -138,7 +170,7 @@ impl Program {
     }
 }
 
-fn spawn(folder: &Path, address: Option<&str>, arguments: &[&str], display: Option<&str>) -> Child {
+fn spawn(folder: &Path, address: Option<&str>, arguments: &[&str], display: Option<&Display>) -> Child {
     let [width, height] = SIZE_PX;
     let mut command = Command::new(program("lodestream-viewer"));
     command
@@ -156,7 +188,10 @@ fn spawn(folder: &Path, address: Option<&str>, arguments: &[&str], display: Opti
         .stderr(Stdio::piped());
     // A missing or nonexistent runtime folder of the session is no error.
     match display {
-        Some(display) => command.env("DISPLAY", display).env_remove("XDG_RUNTIME_DIR"),
+        Some(Display { name, runtime: Some(runtime), .. }) => {
+            command.env("WAYLAND_DISPLAY", name).env("XDG_RUNTIME_DIR", runtime.path())
+        }
+        Some(display) => command.env("DISPLAY", &display.name).env_remove("XDG_RUNTIME_DIR"),
         None => command.env("XDG_RUNTIME_DIR", "/nonexistent"),
     };
     command.spawn().unwrap()

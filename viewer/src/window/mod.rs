@@ -42,8 +42,8 @@ pub(crate) fn run(args: &Args, target: Option<Target>) -> anyhow::Result<Outcome
         // The window system's message names its source files, which does not help users.
         tracing::debug!("{why}");
         anyhow!(
-            "no window can be opened: there is no display, or X11's libraries are missing (Debian and Ubuntu: \
-             apt-get install libx11-xcb1 libxcursor1 libxi6 libxkbcommon-x11-0); \
+            "no window can be opened: there is no Wayland or X11 display, or libraries are missing (Debian and Ubuntu: \
+             apt-get install libwayland-client0 libx11-xcb1 libxcursor1 libxi6 libxkbcommon-x11-0); \
              without a display, add --headless --output FILE.png"
         )
     })?;
