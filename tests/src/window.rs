@@ -114,12 +114,13 @@ fn a_window_under_wayland_shows_the_scene() {
     assert_eq!(code, Some(0), "{errors}");
     let stats = json(&stats);
     assert!(stats["settled"] == true && stats["settled_presented_ms"].is_f64(), "{stats}");
-    // A compositor may choose the size.
-    let shown = last_picture(&frames);
-    let mut headless = headless_of([shown.width(), shown.height()]).unwrap();
-    let native = draw(&mut headless, TestScene::small().whole());
-    let flip = image_error(&shown, &native.image).unwrap().flip;
-    assert!(flip <= MAX_SETTLED_FLIP, "{flip}");
+    // As without a window.
+    let picture = folder.path().join("headless.png");
+    let (code, errors) = ended(&Program::headless(&server.url(Transport::Quic), &picture, &[]).end());
+    assert_eq!(code, Some(0), "{errors}");
+    let without = image::open(&picture).unwrap().into_rgba8();
+    let error = image_error(&last_picture(&frames), &without).unwrap();
+    assert!(error.flip <= MAX_SETTLED_FLIP, "{error:?}");
     server.assert_healthy();
 }
 

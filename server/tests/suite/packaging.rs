@@ -281,7 +281,7 @@ fn the_debian_package_recommends_what_the_viewer_loads() {
         setup.lines().filter(|line| line.contains("have_library lib") || line.contains("vulkan_driver ||"));
     let packages: Vec<&str> =
         libraries.filter_map(|line| line.split("missing+=(").nth(1)?.strip_suffix(')')).collect();
-    assert_eq!(packages.len(), 6, "{packages:?}");
+    assert_eq!(packages.len(), 7, "{packages:?}");
     for package in packages {
         assert!(recommended.split([',', '|', ' ']).any(|word| word == package), "{package} of {recommended}");
     }
