@@ -42,8 +42,8 @@ install_packages() {
 }
 
 # Installs missing system packages: a C and C++ toolchain, and Vulkan with at least a software driver. With "window", also
-# the libraries that a window under Wayland or X11 loads at run time; with "tests", also those, python3, Chromium, and an X server and a
-# Wayland compositor without a screen.
+# the libraries that a window under Wayland or X11 loads at run time; with "tests", also those, python3, Chromium, and an X
+# server and a Wayland compositor without a screen.
 ensure_system() {
     local missing=()
     have cc && have c++ || missing+=(build-essential)

@@ -13,7 +13,7 @@ use tracing_subscriber::registry::LookupSpan;
 use tracing_subscriber::util::SubscriberInitExt as _;
 
 /// Default filter: of libraries, only errors.
-/// Not that a desktop does not tell the colours of its title bars.
+/// To the crate of title bars it is an error if a desktop does not tell their colours.
 const DEFAULT_FILTER: &str =
     "error,lodestream_client=info,lodestream_render=info,lodestream_viewer=info,sctk_adwaita=off";
 /// Prefix of the project's crates.

@@ -2,6 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use lodestream_client::core::PartAbsence;
 use lodestream_client::streaming::{Answer, Streaming};
 use lodestream_render::HiddenParts;
 use lodestream_scene::parts::ScenePart;
@@ -85,7 +86,13 @@ impl PartList {
                     if info.path.is_empty() { info.name } else { format!("{}/{}", info.path, info.name) };
                 Known { path, in_file: Some(info.in_file) }
             });
-            self.known.insert(answer.id, known.unwrap_or_default());
+            let known = match known {
+                Ok(known) => known,
+                // These do not change; others are asked again.
+                Err(PartAbsence::NoNames | PartAbsence::NoSuchPart) => Known::default(),
+                Err(_) => continue,
+            };
+            self.known.insert(answer.id, known);
             changed = true;
         }
         for part in std::mem::take(&mut self.seen) {
