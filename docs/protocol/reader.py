@@ -438,14 +438,19 @@ class Reader:
         shifts = self.f("shifts", lambda: list(b.take(1 + (levels + 1) // 2)))
         origin = self.numbers("origin", b.f64, 3)
         step = self.number("step", b.f64)
-        if kinds & 31:
+        uv_bits = [kinds & 31]
+        if uv_bits == [31]:
+            uv_bits = self.f("uv bits", lambda: list(b.take(2)))
+            ensure(uv_bits[1] > 0, "two sets of texture coordinates, the second without bits")
+        ensure(max(uv_bits) <= 16, f"texture coordinates of {uv_bits} bits")
+        for _ in filter(None, uv_bits):
             self.numbers("uv origin", b.f64, 2)
             self.numbers("uv step", b.f64, 2)
         falls = [shifts[1 + k // 2] >> 4 * (k % 2) & 15 for k in range(levels)]
         base = {
             "position_bits": bits & 31,
             "codec": {0: "range", 128: "zstd", 192: "axis-aligned"}[bits & 192],
-            "uv_bits": kinds & 31,
+            "uv_bits": uv_bits[0],
             "colors": kinds & 64 != 0,
             "normals": kinds & 128 != 0,
             "level_count": levels,
@@ -505,7 +510,7 @@ class Reader:
             second = self.f("second", b.u8)
             alpha, u, v = second & 3, second >> 3 & 3, second >> 5 & 3
             third = self.f("third", b.u8) if alpha == 3 else alpha
-            ensure(third & 3 < 3 and third < 32 and u < 3 and v < 3, f"unknown flags of a material: {second}, {third}")
+            ensure(third & 3 < 3 and third < 64 and u < 3 and v < 3, f"unknown flags of a material: {second}, {third}")
             alpha = third & 3
             wraps = ["repeat", "clamp", "mirror"]
             material["alpha"] = ["opaque", "mask", "blend"][alpha]
@@ -520,6 +525,12 @@ class Reader:
                 material["clear_coat"] = self.f("clear_coat", lambda: [b.u8() for _ in range(2)])
             if third & 16:
                 material["transmission"] = self.f("transmission", b.u8)
+            if third & 32:
+                second_uv = self.f("second_uv", b.u8)
+                ensure(0 < second_uv < 32, f"unknown flags of a material: {second_uv}")
+                material["second_uv"] = second_uv & 15
+                if second_uv & 16:
+                    material["occlusion_texture"] = self.f("occlusion_texture", b.u16)
         return material
 
     def texture(self):

@@ -21,7 +21,8 @@ pub struct Fixture {
 
 /// The assets: seams and materials, non-manifold stars, vanishing components, seams nearly everywhere, stars of high
 /// valence, all of these with colours and normals; some with the zstd codec, whose chunks are not compressed here; and
-/// stones with the axis-aligned codec; several parts; skins. A few hundred faces each, so that one input takes well under a millisecond.
+/// stones with the axis-aligned codec; several parts; skins; two sets of texture coordinates. A few hundred faces each, so
+/// that one input takes well under a millisecond.
 ///
 /// # Panics
 /// If an asset does not decode.
@@ -46,6 +47,8 @@ pub fn all() -> &'static [Fixture] {
             ),
             ("skinned", shapes::skinned(shapes::materials(shapes::torus(8, 10), 3)), Codec::Range),
             ("plain-skinned", shapes::skinned(components()), Codec::Zstd),
+            ("two-uvs", shapes::lightmapped(shapes::materials(shapes::torus(8, 10), 3), 2), Codec::Range),
+            ("plain-two-uvs", shapes::lightmapped(shapes::frigate(3), 2), Codec::Zstd),
         ]
         .into_iter()
         .map(|(name, source, codec)| {

@@ -11,7 +11,7 @@ mod models;
 use lodestream_assess::measure::{self, Surface};
 use lodestream_geometry::Settings;
 use lodestream_geometry::ancestor_closed_cut::{Budget, lowest_error};
-use lodestream_geometry::mesh::{Corner, NONE, QuantisedMesh, SourceMesh};
+use lodestream_geometry::mesh::{Corner, QuantisedMesh, SourceMesh};
 use lodestream_geometry::pool::{Serial, Silent};
 use lodestream_geometry::prepare::{Hooks, prepare};
 use lodestream_geometry::refine::ActiveMesh;
@@ -110,9 +110,10 @@ fn rows(model: &str, mesh: &QuantisedMesh) -> anyhow::Result<Vec<Row>> {
 
 fn positions_only(mesh: &mut SourceMesh) {
     for corner in mesh.faces.iter_mut().flatten() {
-        *corner = Corner { uv: NONE, normal: NONE, color: NONE, ..*corner };
+        *corner = Corner::at(corner.position);
     }
     mesh.uvs.clear();
+    mesh.second_uvs.clear();
     mesh.normals.clear();
     mesh.colors.clear();
     mesh.materials.fill(0);

@@ -7,6 +7,7 @@
 //! | `settled` | a streamed scene ends up looking like the model |
 //! | `textures` | a texture shared by assets is uploaded once |
 //! | `texture_quality` | bytes of textures against the error of the picture |
+//! | `second_uv` | maps that use a second set of texture coordinates |
 //! | `walls` | neither background nor sunlight is visible through the demo's closed walls |
 //! | `silence` | a vanished server is reported |
 //! | `limiter` | bytes on the wire against the rate limit |
@@ -86,6 +87,8 @@ mod parts;
 mod punctual_lights;
 #[cfg(test)]
 mod robustness;
+#[cfg(test)]
+mod second_uv;
 #[cfg(test)]
 mod settled;
 #[cfg(test)]

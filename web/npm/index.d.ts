@@ -111,6 +111,8 @@ export interface Material {
   baseColorTexture: number | null;
   /** Red: occlusion, green: roughness, blue: metal. */
   surfaceTexture: number | null;
+  /** Red: occlusion, of the other set of texture coordinates than `surfaceTexture`. */
+  occlusionTexture: number | null;
   /** x along u, y along v (up), z outwards; a component c is stored as (c + 1) / 2. */
   normalTexture: number | null;
   normalScale: number;
@@ -118,6 +120,8 @@ export interface Material {
   /** White is the surface; black lies `reliefDepth` below it, in units of texture coordinates. */
   heightTexture: number | null;
   reliefDepth: number;
+  /** Textures that use `Mesh.secondUvs`. */
+  secondUv: ('baseColorTexture' | 'surfaceTexture' | 'occlusionTexture' | 'normalTexture' | 'emissionTexture')[];
 }
 
 export interface TextureInfo {
@@ -140,6 +144,8 @@ export interface Mesh {
   normals: Float32Array;
   /** Two for each vertex: u, and v up from the bottom of the texture. */
   uvs: Float32Array;
+  /** The same of a second set, which few materials use; null before a vertex has one. */
+  secondUvs: Float32Array | null;
   /** Four for each vertex: linear RGB and opacity, of which 65,535 is 1. */
   colors: Uint16Array;
   /** One for each vertex: its part, 0 in assets that are not divided. All corners of a face have the same. */
@@ -189,6 +195,7 @@ export interface MeshChange {
     positions: Float32Array;
     normals: Float32Array;
     uvs: Float32Array;
+    secondUvs: Float32Array | null;
     colors: Uint16Array;
     parts: Uint32Array;
   }[];

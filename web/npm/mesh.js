@@ -22,6 +22,7 @@ function fitted(array, length, size) {
 
 /** See `Mesh` in index.d.ts. */
 export class Mesh {
+  secondUvs = null;
   vertexCount = 0;
   indices = [];
   indexCounts = [];
@@ -37,11 +38,13 @@ export class Mesh {
   /** Takes a change; whether arrays of vertices, and which lists of indices, were replaced by others. */
   apply({ vertices, faces, vertexCount, faceCounts }) {
     const before = this.positions;
+    const secondBefore = this.secondUvs;
     this.vertexCount = vertexCount;
     for (const [name, [size]] of Object.entries(ATTRIBUTES)) {
       this[name] = fitted(this[name], vertexCount, size);
       for (const run of vertices) this[name].set(run[name], run.first * size);
     }
+    this.#setSecondUvs(vertices);
     const indicesReplaced = [];
     faceCounts.forEach((count, material) => {
       const list = fitted(this.indices[material], 3 * count, 1);
@@ -50,6 +53,16 @@ export class Mesh {
       this.indexCounts[material] = 3 * count;
     });
     for (const { material, first, indices } of faces) this.indices[material].set(indices, 3 * first);
-    return { verticesReplaced: this.positions !== before, indicesReplaced };
+    return { verticesReplaced: this.positions !== before || this.secondUvs !== secondBefore, indicesReplaced };
+  }
+
+  /** There is no array before a vertex has other coordinates than zero. */
+  #setSecondUvs(runs) {
+    if (this.secondUvs === null && runs.every((run) => run.secondUvs === null)) return;
+    this.secondUvs = fitted(this.secondUvs ?? new Float32Array(0), this.vertexCount, 2);
+    for (const { first, secondUvs, uvs } of runs) {
+      if (secondUvs) this.secondUvs.set(secondUvs, first * 2);
+      else this.secondUvs.fill(0, first * 2, first * 2 + uvs.length);
+    }
   }
 }

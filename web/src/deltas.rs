@@ -3,7 +3,7 @@
 
 use js_sys::{Array, Float32Array, Float64Array, Object, Uint8Array, Uint16Array, Uint32Array};
 use lodestream_client::core::{Change, MeshChange, NewAsset, TextureChange, TexturePixels, Vertex};
-use lodestream_scene::asset::{Alpha, Material, TextureInfo, TextureKind, Wrap};
+use lodestream_scene::asset::{Alpha, Material, SecondUv, TextureInfo, TextureKind, Wrap};
 use lodestream_scene::description::{Instance, SceneHeader};
 use lodestream_scene::punctual_lights::PunctualLight;
 use lodestream_scene::view::View;
@@ -236,13 +236,30 @@ fn material(material: &Material) -> JsValue {
         ("wrap", material.wrap.map(wrap).iter().collect::<Array>().into()),
         ("baseColorTexture", texture(material.base_color_texture)),
         ("surfaceTexture", texture(material.surface_texture)),
+        ("occlusionTexture", texture(material.occlusion_texture)),
         ("normalTexture", texture(material.normal_texture)),
         ("normalScale", material.normal_scale.into()),
         ("emissionTexture", texture(material.emission_texture)),
         ("heightTexture", texture(material.height_texture)),
         ("reliefDepth", material.relief_depth.into()),
+        ("secondUv", second_uv(material)),
     ])
     .into()
+}
+
+/// Names of the textures that use the second set of texture coordinates.
+fn second_uv(material: &Material) -> JsValue {
+    let SecondUv { color, surface, normal, emission } = material.second_uv;
+    let occlusion = material.occlusion_texture.is_some() && !surface;
+    let names = [
+        (color, "baseColorTexture"),
+        (surface, "surfaceTexture"),
+        (occlusion, "occlusionTexture"),
+        (normal, "normalTexture"),
+        (emission, "emissionTexture"),
+    ];
+    let used = names.into_iter().filter(|(used, _)| *used).map(|(_, name)| JsValue::from(name));
+    used.collect::<Array>().into()
 }
 
 fn texture_info(info: &TextureInfo) -> JsValue {
@@ -295,6 +312,11 @@ fn vertices(first: u32, run: &[Vertex], transfer: &mut Transfer) -> Object {
     let positions: Vec<f32> = run.iter().flat_map(|vertex| vertex.data.position).collect();
     let normals: Vec<f32> = run.iter().flat_map(|vertex| vertex.data.normal).collect();
     let uvs: Vec<f32> = run.iter().flat_map(|vertex| vertex.data.uv).collect();
+    let second_uvs: Vec<f32> = run.iter().flat_map(|vertex| vertex.data.second_uv).collect();
+    let second_uvs = match second_uvs.iter().any(|x| *x != 0.0) {
+        true => transfer.floats(&second_uvs),
+        false => JsValue::NULL,
+    };
     let colors: Vec<u16> = run.iter().flat_map(|vertex| linear(vertex.data.color)).collect();
     let parts: Vec<u32> = run.iter().map(|vertex| vertex.data.part).collect();
     fields([
@@ -302,6 +324,7 @@ fn vertices(first: u32, run: &[Vertex], transfer: &mut Transfer) -> Object {
         ("positions", transfer.floats(&positions)),
         ("normals", transfer.floats(&normals)),
         ("uvs", transfer.floats(&uvs)),
+        ("secondUvs", second_uvs),
         ("colors", transfer.shorts(&colors)),
         ("parts", transfer.words(&parts)),
     ])

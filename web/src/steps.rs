@@ -193,10 +193,12 @@ fn decode_light<R: Reader>(reader: &mut R) -> Result<PunctualLight, CodingError>
     Ok(PunctualLight { position, intensity, range, spot })
 }
 
-/// Bytes of an encoded vertex without its skin.
+/// Bytes of an encoded vertex without its skin and its second set of texture coordinates.
 const VERTEX_BYTES: usize = 56;
 /// Bytes of an encoded skin: four joints, four weights.
 const SKIN_BYTES: usize = 8;
+/// Bytes of encoded texture coordinates.
+const UV_BYTES: usize = 8;
 /// The word of flags holds whether the vertex is smooth, its level, and from this bit on its part, which has 20 bits.
 const PART_SHIFT: u32 = 9;
 /// Levels of an asset are at most 255.
@@ -205,18 +207,24 @@ const MAX_LEVEL: u32 = 255;
 const FACE_BYTES: usize = 12;
 
 fn encode_mesh(mesh: &MeshChange, out: &mut Vec<u8>) -> Result<(), CodingError> {
-    let has_skins =
-        mesh.vertices.iter().flat_map(|(_, vertices)| vertices).any(|v| v.data.skin != Skin::default());
-    (5_u8, mesh.asset, u8::from(has_skins)).encode(out)?;
+    let any = |has: fn(&RenderVertex) -> bool| {
+        mesh.vertices.iter().flat_map(|(_, vertices)| vertices).any(|vertex| has(&vertex.data))
+    };
+    let extra =
+        Extra { skins: any(|v| v.skin != Skin::default()), second_uvs: any(|v| v.second_uv != [0.0; 2]) };
+    (5_u8, mesh.asset, extra.flags()).encode(out)?;
     length(mesh.vertices.len(), out)?;
     for (first, vertices) in &mesh.vertices {
         first.encode(out)?;
         length(vertices.len(), out)?;
         for vertex in vertices {
             out.extend_from_slice(&vertex_bytes(vertex));
-            if has_skins {
+            if extra.skins {
                 out.extend_from_slice(&vertex.data.skin.joints());
                 out.extend_from_slice(&vertex.data.skin.weights());
+            }
+            if extra.second_uvs {
+                vertex.data.second_uv.iter().for_each(|x| out.extend_from_slice(&x.to_le_bytes()));
             }
         }
     }
@@ -229,6 +237,33 @@ fn encode_mesh(mesh: &MeshChange, out: &mut Vec<u8>) -> Result<(), CodingError> 
         }
     }
     (mesh.vertex_slots, &mesh.index_slots).encode(out)
+}
+
+/// What follows each vertex.
+#[derive(Clone, Copy)]
+struct Extra {
+    skins: bool,
+    second_uvs: bool,
+}
+
+impl Extra {
+    fn flags(self) -> u8 {
+        u8::from(self.skins) | u8::from(self.second_uvs) << 1
+    }
+
+    fn of(flags: u8) -> Result<Self, CodingError> {
+        let extra = Self { skins: flags & 1 != 0, second_uvs: flags & 2 != 0 };
+        if extra.flags() == flags {
+            Ok(extra)
+        } else {
+            Err(CodingError::value("unknown attributes of vertices"))
+        }
+    }
+
+    /// Bytes of an encoded vertex.
+    fn size(self) -> usize {
+        VERTEX_BYTES + usize::from(self.skins) * SKIN_BYTES + usize::from(self.second_uvs) * UV_BYTES
+    }
 }
 
 fn vertex_bytes(vertex: &Vertex) -> [u8; VERTEX_BYTES] {
@@ -244,7 +279,8 @@ fn vertex_bytes(vertex: &Vertex) -> [u8; VERTEX_BYTES] {
     bytes
 }
 
-fn vertex(bytes: &[u8]) -> Vertex {
+/// A vertex from [`Extra::size`] bytes.
+fn vertex(bytes: &[u8], extra: Extra) -> Vertex {
     let word = |index: usize| {
         let mut word = [0; 4];
         word.copy_from_slice(&bytes[4 * index..4 * index + 4]);
@@ -252,6 +288,7 @@ fn vertex(bytes: &[u8]) -> Vertex {
     };
     let number = |index| f32::from_le_bytes(word(index));
     let flags = u32::from_le_bytes(word(13));
+    let uv_word = if extra.skins { 16 } else { 14 };
     Vertex {
         data: RenderVertex {
             position: [0, 1, 2].map(number),
@@ -261,28 +298,28 @@ fn vertex(bytes: &[u8]) -> Vertex {
             color: word(12),
             smooth: flags & 1 == 1,
             part: flags >> PART_SHIFT,
-            skin: skin(&bytes[VERTEX_BYTES..]),
+            skin: if extra.skins { skin(word(14), word(15)) } else { Skin::default() },
+            second_uv: if extra.second_uvs { [uv_word, uv_word + 1].map(number) } else { [0.0; 2] },
         },
         birth_s: number(11),
         level: flags >> 1 & MAX_LEVEL,
     }
 }
 
-/// The skin of a vertex; the default one if no bytes are left for it.
-fn skin(bytes: &[u8]) -> Skin {
-    let Some((joints, weights)) = bytes.split_at_checked(SKIN_BYTES / 2) else { return Skin::default() };
-    Skin::of(joints.iter().copied().zip(weights.iter().copied())).unwrap_or_default()
+fn skin(joints: [u8; 4], weights: [u8; 4]) -> Skin {
+    Skin::of(joints.into_iter().zip(weights)).unwrap_or_default()
 }
 
 fn decode_mesh<R: Reader>(reader: &mut R) -> Result<MeshChange, CodingError> {
     let asset = u32::decode(reader)?;
-    let size = VERTEX_BYTES + if u8::decode(reader)? == 0 { 0 } else { SKIN_BYTES };
+    let extra = Extra::of(u8::decode(reader)?)?;
+    let size = extra.size();
     let mut bytes = Vec::new();
     let mut vertices = Vec::new();
     for _ in 0..count(reader)? {
         let first = u32::decode(reader)?;
         read_elements(reader, size, &mut bytes)?;
-        vertices.push((first, bytes.chunks_exact(size).map(vertex).collect()));
+        vertices.push((first, bytes.chunks_exact(size).map(|bytes| vertex(bytes, extra)).collect()));
     }
     let mut indices = Vec::new();
     for _ in 0..count(reader)? {

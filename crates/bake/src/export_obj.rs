@@ -133,6 +133,7 @@ mod tests {
         QuantisedMesh {
             grid: Grid { origin: [10.0, 0.0, 0.0], step: 0.5, bits: 4 },
             uv_grid: UvGrid { origin: [0.0; 2], step: [0.25; 2], bits: 4 },
+            second_uv_grid: UvGrid::NONE,
             positions: vec![[0, 0, 0], [2, 0, 0], [0, 2, 0], [0, 0, 2]],
             wedges: vec![
                 wedge(0, 0),

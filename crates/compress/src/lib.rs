@@ -248,7 +248,7 @@ pub fn prepare_with_hooks(
 
 #[cfg(test)]
 mod tests {
-    use lodestream_geometry::mesh::{Corner, NONE, SourceMesh};
+    use lodestream_geometry::mesh::{Corner, SourceMesh};
     use lodestream_geometry::pool::{Serial, Silent};
     use lodestream_geometry::quantise::{QuantiseSettings, quantise};
 
@@ -317,7 +317,7 @@ mod tests {
     /// Unconnected triangles.
     fn tiles(positions: Vec<[f64; 3]>) -> QuantisedMesh {
         let count = (positions.len() / 3) as u32;
-        let corner = |position| Corner { position, uv: NONE, normal: NONE, color: NONE };
+        let corner = Corner::at;
         let source = SourceMesh {
             positions,
             faces: (0..count).map(|i| [3 * i, 3 * i + 1, 3 * i + 2].map(corner)).collect(),

@@ -8,7 +8,7 @@
 use std::time::Instant;
 
 use lodestream_geometry::Settings;
-use lodestream_geometry::mesh::{Corner, NONE, SourceMesh};
+use lodestream_geometry::mesh::{Corner, SourceMesh};
 use lodestream_geometry::pool::{Serial, Silent};
 use lodestream_geometry::prepare::{Hooks, Prepared, prepare};
 use lodestream_geometry::quantise::{Precision, QuantiseSettings, quantise};
@@ -86,7 +86,7 @@ fn surface() -> SourceMesh {
             mesh.positions.push([x, y, z]);
         }
     }
-    let corner = |position| Corner { position, uv: NONE, normal: NONE, color: NONE };
+    let corner = Corner::at;
     for i in 0..SIDE {
         for j in 0..SIDE {
             let a = i * (SIDE + 1) + j;

@@ -10,17 +10,18 @@
     )
 )]
 
+mod uv_sets;
+
 use std::collections::HashMap;
 use std::hash::Hash;
 
 use crate::error::MeshError;
 use crate::mesh::normals;
 use crate::mesh::skin::{Skin, mapped};
-use crate::mesh::{
-    Attributes, Face, Grid, MAX_PARTS, NO_COLOR, NONE, QuantisedMesh, SourceMesh, UvGrid, Wedge,
-};
+use crate::mesh::{Attributes, Face, Grid, MAX_PARTS, NO_COLOR, NONE, QuantisedMesh, SourceMesh, Wedge};
 pub use crate::mesh::{MAX_POSITION_BITS, MAX_UV_BITS};
 use crate::numbers::{id32, truncated};
+use crate::quantise::uv_sets::UvSet;
 
 /// Default bits per axis of the position grid: 1/16384 of the longest side, a tenth of a pixel for an
 /// object that fills a 1600-pixel screen.
@@ -54,7 +55,7 @@ pub enum Precision {
 pub struct QuantiseSettings {
     /// Precision of positions. More bits cost about 3 bits a vertex each.
     pub precision: Precision,
-    /// Bits per axis of texture coordinates, `1..=16`.
+    /// Bits per axis of texture coordinates, `1..=16`, for each set.
     pub uv_bits: u8,
     /// Largest angle, in degrees, between a source normal and the normal computed from the faces, above which the
     /// normal is stored: 0 stores every normal that differs, 180 none.
@@ -101,11 +102,14 @@ pub fn quantise(source: &SourceMesh, settings: &QuantiseSettings) -> Result<Quan
         return Err(MeshError::BadPrecision { why });
     }
     let grid = position_grid(source, &kept, &vertex_of, &positions, settings.precision)?;
-    let uv_grid = uv_grid(source, &kept, settings.uv_bits);
+    let [first_set, second_set] = UvSet::both(source);
+    let [uv_grid, second_uv_grid] =
+        [first_set, second_set].map(|set| set.grid(source, &kept, settings.uv_bits));
 
     let mut mesh = QuantisedMesh {
         grid,
         uv_grid,
+        second_uv_grid,
         positions: Vec::new(),
         wedges: Vec::new(),
         faces: Vec::new(),
@@ -134,10 +138,13 @@ pub fn quantise(source: &SourceMesh, settings: &QuantiseSettings) -> Result<Quan
                 mesh.skins.extend(skins.get(welded as usize));
             }
             let (group, normal) = groups.group(vertex, corner.normal, &source.normals);
-            let uv =
-                if corner.uv == NONE { [0; 2] } else { snap_uv(&uv_grid, source.uvs[corner.uv as usize]) };
+            let uv = first_set.snapped(&uv_grid, &corner);
+            // A grid has at most 16 bits.
+            let second_uv =
+                second_set.snapped(&second_uv_grid, &corner).map(|x| u16::try_from(x).unwrap_or_default());
             let color = if corner.color == NONE { NO_COLOR } else { source.colors[corner.color as usize] };
-            let wedge = Wedge { vertex, attributes: Attributes { uv, group, color, normal: None } };
+            let wedge =
+                Wedge { vertex, attributes: Attributes { uv, group, color, normal: None, second_uv } };
             known.number(wedge, &mut mesh.wedges, || groups.of_wedge.extend(normal))
         });
         mesh.faces.push(Face { wedges, material: source.materials.get(index).copied().unwrap_or(0) });
@@ -267,9 +274,13 @@ fn unit(n: [f32; 3]) -> [f32; 3] {
 }
 
 fn validate(source: &SourceMesh) -> Result<(), MeshError> {
-    for (kind, count) in
-        [("faces", source.faces.len()), ("positions", source.positions.len()), ("uvs", source.uvs.len())]
-    {
+    let counts = [
+        ("faces", source.faces.len()),
+        ("positions", source.positions.len()),
+        ("uvs", source.uvs.len()),
+        ("second uvs", source.second_uvs.len()),
+    ];
+    for (kind, count) in counts {
         if count > MAX_ELEMENTS {
             return Err(MeshError::TooLarge { kind, count, limit: MAX_ELEMENTS });
         }
@@ -300,8 +311,8 @@ fn validate(source: &SourceMesh) -> Result<(), MeshError> {
             }
         }
     }
-    for (index, uv) in source.uvs.iter().enumerate() {
-        if !uv.iter().all(|x| x.is_finite()) {
+    for uvs in [&source.uvs, &source.second_uvs] {
+        if let Some(index) = uvs.iter().position(|uv| !uv.iter().all(|x| x.is_finite())) {
             return Err(MeshError::BadUv { index });
         }
     }
@@ -310,6 +321,7 @@ fn validate(source: &SourceMesh) -> Result<(), MeshError> {
             let checks = [
                 ("position", corner.position, source.positions.len(), false),
                 ("uv", corner.uv, source.uvs.len(), true),
+                ("second uv", corner.second_uv, source.second_uvs.len(), true),
                 ("normal", corner.normal, source.normals.len(), true),
                 ("color", corner.color, source.colors.len(), true),
             ];
@@ -425,37 +437,7 @@ fn bits_for(extent: f64, tolerance: f64) -> Result<u8, MeshError> {
     })
 }
 
-fn uv_grid(source: &SourceMesh, kept: &[usize], bits: u8) -> UvGrid {
-    let mut min = [f64::INFINITY; 2];
-    let mut max = [f64::NEG_INFINITY; 2];
-    for &face in kept {
-        for corner in source.faces[face].iter().filter(|c| c.uv != NONE) {
-            let uv = source.uvs[corner.uv as usize].map(f64::from);
-            for axis in 0..2 {
-                min[axis] = min[axis].min(uv[axis]);
-                max[axis] = max[axis].max(uv[axis]);
-            }
-        }
-    }
-    if min[0] > max[0] {
-        return UvGrid { origin: [0.0; 2], step: [0.0; 2], bits: 0 };
-    }
-    let cells = f64::from((1_u32 << bits) - 1);
-    UvGrid { origin: min, step: [0, 1].map(|axis| (max[axis] - min[axis]) / cells), bits }
-}
-
 fn snap(grid: &Grid, p: [f64; 3]) -> [i32; 3] {
     let top = f64::from((1_u32 << grid.bits) - 1);
     [0, 1, 2].map(|axis| truncated(((p[axis] - grid.origin[axis]) / grid.step).round().clamp(0.0, top)))
-}
-
-fn snap_uv(grid: &UvGrid, uv: [f32; 2]) -> [i32; 2] {
-    let top = f64::from((1_u32 << grid.bits) - 1);
-    [0, 1].map(|axis| {
-        if grid.step[axis] == 0.0 {
-            0
-        } else {
-            truncated(((f64::from(uv[axis]) - grid.origin[axis]) / grid.step[axis]).round().clamp(0.0, top))
-        }
-    })
 }

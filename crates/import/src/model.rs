@@ -122,7 +122,7 @@ pub struct HeightMap {
     pub scale: f32,
 }
 
-/// The images of a material's maps, which share one set of texture coordinates.
+/// The images of a material's maps. [`Material::second_uv`] tells which are laid by the second set of texture coordinates.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct MaterialMaps {
     /// Base colour (`map_Kd`; `baseColorTexture`).
@@ -131,6 +131,8 @@ pub struct MaterialMaps {
     pub opacity: Option<Channel>,
     /// Occlusion, roughness and metal.
     pub surface: SurfaceMap,
+    /// Occlusion that is laid by the other set of texture coordinates than [`MaterialMaps::surface`].
+    pub occlusion: Option<Channel>,
     /// Normals: x along u, y along v upwards, z out of the surface (`norm`; `normalTexture`).
     ///
     /// glTF's v runs down the image, but its y runs up: "the normal vectors use the convention +X is right and +Y is
@@ -147,7 +149,8 @@ pub struct MaterialMaps {
 impl MaterialMaps {
     /// The images of all maps, in the order of the fields; an image may occur twice.
     pub fn images(&self) -> impl Iterator<Item = &ImageSource> {
-        let channels = [self.opacity.as_ref()].into_iter().chain(self.surface.channels());
+        let channels =
+            [self.opacity.as_ref(), self.occlusion.as_ref()].into_iter().chain(self.surface.channels());
         let channels = channels.flatten().map(|channel| &channel.image);
         let height = self.height.as_ref().map(|height| &height.image);
         self.color.iter().chain(channels).chain(&self.normal).chain(&self.emission).chain(height)

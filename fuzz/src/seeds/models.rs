@@ -157,6 +157,9 @@ const LIGHTS: &str = r#""extensionsRequired":["KHR_lights_punctual"],"extensions
 /// Nodes that move: every interpolation, and a channel that cannot be read.
 const ANIMATION: &str = r#""nodes":[{"mesh":0,"children":[1]},{"mesh":0,"translation":[2,0,0]}],"animations":[{"name":"go","channels":[{"sampler":0,"target":{"node":0,"path":"translation"}},{"sampler":1,"target":{"node":1,"path":"scale"}},{"sampler":2,"target":{"node":1,"path":"translation"}},{"sampler":0,"target":{"node":0,"path":"rotation"}},{"sampler":0,"target":{"node":0,"path":"weights"}}],"samplers":[{"input":3,"output":4},{"input":3,"output":4,"interpolation":"STEP"},{"input":3,"output":5,"interpolation":"CUBICSPLINE"}]}]"#;
 
+/// The beginning of a material whose maps use two sets of texture coordinates, and a third.
+const TWO_UVS: &str = r#""images":[{"uri":"a.png"}],"textures":[{"source":0}],"materials":[{"normalTexture":{"index":0},"occlusionTexture":{"index":0,"texCoord":1},"emissiveTexture":{"index":0,"extensions":{"KHR_texture_transform":{"scale":[2,3]}}},"emissiveFactor":[1,1,1],"name":"m","#;
+
 /// Nodes with a skin and weights of morph targets.
 const SKIN: &str = r#""skins":[{"joints":[1,2]}],"nodes":[{"mesh":0,"skin":0,"weights":[0.5,0.25]},{"children":[2],"translation":[0,7,0]},{"scale":[1,-2,1]}]"#;
 
@@ -190,6 +193,7 @@ pub(super) fn scenes() -> Vec<(String, Vec<u8>)> {
         seed("images.glb", glb(&file("", 4, one, r#","material":0"#).replace(r#""materials":[{"name":"m","#, IMAGES), &bin)),
         seed("skin.glb", glb(&file("", 4, SKIN, r#","targets":[{"POSITION":0},{"POSITION":0,"NORMAL":0}]"#).replace(r#""TEXCOORD_0":1}"#, r#""TEXCOORD_0":1,"JOINTS_0":3,"WEIGHTS_0":3}"#).replace(r#""type":"SCALAR","count":6}]"#, r#""type":"SCALAR","count":6},{"bufferView":0,"componentType":5121,"type":"VEC4","count":4}]"#), &bin)),
         seed("animation.glb", glb(&file("", 4, ANIMATION, "").replace(r#""type":"SCALAR","count":6}]"#, r#""type":"SCALAR","count":6},{"bufferView":0,"byteOffset":8,"componentType":5126,"type":"SCALAR","count":2},{"bufferView":0,"componentType":5126,"type":"VEC3","count":2},{"bufferView":0,"componentType":5121,"normalized":true,"type":"VEC3","count":6}]"#), &bin)),
+        seed("two-uvs.glb", glb(&file("", 4, one, r#","material":0"#).replace(r#""TEXCOORD_0":1}"#, r#""TEXCOORD_0":1,"TEXCOORD_1":1}"#).replace(r#""materials":[{"name":"m","#, TWO_UVS), &bin)),
         seed("lights.glb", glb(&file("", 4, LIGHTS, ""), &bin)),
         seed("sparse.glb", glb(&file("", 4, one, "").replace(r#","count":4,"min":[0,0,0]"#, r#","count":4,"sparse":{"count":1,"indices":{"bufferView":2,"componentType":5121},"values":{"bufferView":0}},"min":[0,0,0]"#), &bin)),
     ]

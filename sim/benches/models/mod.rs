@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use anyhow::Context as _;
-use lodestream_geometry::mesh::{Corner, NONE, QuantisedMesh, SourceMesh};
+use lodestream_geometry::mesh::{Corner, QuantisedMesh, SourceMesh};
 use lodestream_geometry::quantise::{Precision, QuantiseSettings, quantise};
 
 /// Name, file (if any) and mesh at 12 bits of each input, after `change`: the models named on the command line, else
@@ -46,7 +46,7 @@ fn height_field(size: u32) -> SourceMesh {
             mesh.positions.push([x, y, z]);
         }
     }
-    let corner = |position| Corner { position, uv: NONE, normal: NONE, color: NONE };
+    let corner = Corner::at;
     for i in 0..size {
         for j in 0..size {
             let a = i * (size + 1) + j;

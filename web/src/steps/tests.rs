@@ -14,6 +14,7 @@ fn vertex_of(level: u32) -> Vertex {
             smooth: level % 2 == 1,
             part: (level * 4093) & 0xF_FFFF,
             skin: Skin::new([(level as u8 % 5, 0.25), (9, 0.75)]),
+            second_uv: [f32::from(level as u8), -0.5],
         },
         birth_s: 12.5,
         level,

@@ -61,8 +61,9 @@ fn hasher(settings: &[u8], format_version: u32) -> blake3::Hasher {
 /// Hashes every list of a mesh, each with its length. The pattern names all fields, so a new one does not compile until it
 /// is hashed here.
 fn hash_mesh(mesh: &SourceMesh, hasher: &mut blake3::Hasher) {
-    let SourceMesh { positions, uvs, normals, colors, faces, materials, parts, skins, poses } = mesh;
-    let corner = |&Corner { position, uv, normal, color }: &Corner| {
+    let SourceMesh { positions, uvs, second_uvs, normals, colors, faces, materials, parts, skins, poses } =
+        mesh;
+    let corner = |&Corner { position, uv, second_uv: _, normal, color }: &Corner| {
         [position, uv, normal, color].into_iter().flat_map(u32::to_le_bytes)
     };
     hash_list(hasher, positions, |point| point.iter().flat_map(|x| x.to_le_bytes()));
@@ -72,6 +73,11 @@ fn hash_mesh(mesh: &SourceMesh, hasher: &mut blake3::Hasher) {
     hash_list(hasher, faces, |face| face.iter().flat_map(corner));
     hash_list(hasher, materials, |material| material.to_le_bytes().into_iter());
     hash_list(hasher, parts, |part| part.to_le_bytes().into_iter());
+    if !second_uvs.is_empty() {
+        hash_list(hasher, second_uvs, |uv| uv.iter().flat_map(|x| x.to_le_bytes()));
+        let second = |face: &[Corner; 3]| face.map(|corner| corner.second_uv);
+        hash_list(hasher, faces, |face| second(face).into_iter().flat_map(u32::to_le_bytes));
+    }
     if !skins.is_empty() {
         hash_list(hasher, skins, |skin| [skin.joints(), skin.weights()].into_iter().flatten());
         for pose in poses {

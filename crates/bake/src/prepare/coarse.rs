@@ -93,7 +93,8 @@ fn stand_in_mesh(mesh: &SourceMesh, most: usize) -> SourceMesh {
     let mut coarse = if mesh.faces.len() > most { clustered(mesh, most) } else { mesh.clone() };
     // Without textures there is nothing to place.
     coarse.uvs.clear();
-    coarse.faces.iter_mut().flatten().for_each(|corner| corner.uv = NONE);
+    coarse.second_uvs.clear();
+    coarse.faces.iter_mut().flatten().for_each(|corner| (corner.uv, corner.second_uv) = (NONE, NONE));
     coarse
 }
 

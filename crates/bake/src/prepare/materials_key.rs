@@ -19,7 +19,7 @@ pub(super) fn encode(
     let mut writer = Writer { bytes: &mut bytes, image };
     // The patterns name all fields, so a new one does not compile until it is encoded here.
     for ImportedMaterial { material: _, maps, alpha_from_map } in materials {
-        let MaterialMaps { color, opacity, surface, normal, emission, height } = maps;
+        let MaterialMaps { color, opacity, surface, occlusion: apart, normal, emission, height } = maps;
         let SurfaceMap { occlusion, roughness, metallic } = surface;
         writer.bytes.push(u8::from(*alpha_from_map));
         [color, normal, emission].into_iter().for_each(|map| writer.optional(map.as_ref(), Writer::image));
@@ -27,6 +27,8 @@ pub(super) fn encode(
             writer.optional(channel.as_ref(), Writer::channel);
         }
         writer.optional(height.as_ref(), Writer::height);
+        // Nothing where nearly all materials have none, whose keys stay as they were.
+        apart.iter().for_each(|channel| writer.channel(channel));
     }
     Some(bytes)
 }

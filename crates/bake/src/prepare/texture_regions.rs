@@ -8,7 +8,7 @@ use std::ops::Range;
 
 use glam::{DVec3, Vec2, Vec3};
 use lodestream_geometry::index::Sphere;
-use lodestream_geometry::mesh::{NONE, SourceMesh};
+use lodestream_geometry::mesh::{Corner, NONE, SourceMesh};
 use lodestream_scene::asset::{
     AssetDescription, Material, TILE_SIDE, TexturePatch, TextureRegion, TextureRegions, Wrap, cells_of,
     tile_grid,
@@ -39,23 +39,34 @@ pub(crate) fn measure(
     (!regions.regions.is_empty()).then_some(regions)
 }
 
-/// Area of the surface and in texture coordinates, by material.
+/// The sets of texture coordinates.
+const SETS: [UvSet; 2] = [UvSet::First, UvSet::Second];
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum UvSet {
+    First,
+    Second,
+}
+
+/// Area of the surface and in texture coordinates of each set, by material.
 fn set_densities(mesh: &SourceMesh, description: &mut AssetDescription) {
-    let mut areas = vec![[0.0_f64; 2]; description.materials.len().max(1)];
+    let mut areas = vec![[[0.0_f64; 2]; 2]; description.materials.len().max(1)];
     for (face, material) in (0..mesh.faces.len()).zip(&mesh.materials) {
-        if let (Some(area), Some((places, uvs))) =
-            (areas.get_mut(usize::from(*material)), corners(mesh, face))
-        {
-            area[0] += (places[1] - places[0]).cross(places[2] - places[0]).length();
-            area[1] += f64::from((uvs[1] - uvs[0]).perp_dot(uvs[2] - uvs[0]).abs());
+        let Some(areas) = areas.get_mut(usize::from(*material)) else { continue };
+        for (area, set) in areas.iter_mut().zip(SETS) {
+            if let Some((places, uvs)) = corners(mesh, face, set) {
+                area[0] += (places[1] - places[0]).cross(places[2] - places[0]).length();
+                area[1] += f64::from((uvs[1] - uvs[0]).perp_dot(uvs[2] - uvs[0]).abs());
+            }
         }
     }
     let mut of_texture = vec![[0.0_f64; 2]; description.textures.len()];
-    for (material, area) in description.materials.iter().zip(&areas) {
+    for (material, [first, second]) in description.materials.iter().zip(&areas) {
         let mut textures: Vec<u16> = material.textures().collect();
         textures.sort_unstable();
         textures.dedup();
         for texture in textures {
+            let area = if material.second_textures().any(|of| of == texture) { second } else { first };
             (0..2).for_each(|i| of_texture[usize::from(texture)][i] += area[i]);
         }
     }
@@ -65,14 +76,18 @@ fn set_densities(mesh: &SourceMesh, description: &mut AssetDescription) {
     }
 }
 
-/// Places and texture coordinates of a face's corners; `None` without texture coordinates.
-fn corners(mesh: &SourceMesh, face: usize) -> Option<([DVec3; 3], [Vec2; 3])> {
+/// Places and texture coordinates of a face's corners; `None` without texture coordinates of the set.
+fn corners(mesh: &SourceMesh, face: usize, set: UvSet) -> Option<([DVec3; 3], [Vec2; 3])> {
     let corners = mesh.faces[face];
-    if corners.iter().any(|corner| corner.uv == NONE) {
+    let (all, of): (_, fn(&Corner) -> u32) = match set {
+        UvSet::First => (&mesh.uvs, |corner| corner.uv),
+        UvSet::Second => (&mesh.second_uvs, |corner| corner.second_uv),
+    };
+    if corners.iter().any(|corner| of(corner) == NONE) {
         return None;
     }
     let places = corners.map(|corner| DVec3::from(mesh.positions[corner.position as usize]));
-    Some((places, corners.map(|corner| Vec2::from(mesh.uvs[corner.uv as usize]))))
+    Some((places, corners.map(|corner| Vec2::from(all[of(&corner) as usize]))))
 }
 
 /// The cells of each material.
@@ -87,13 +102,17 @@ struct OfMaterial {
     wrap: [Wrap; 2],
     /// Whether a texture has tiles.
     is_tiled: bool,
+    /// Whether textures use each set of texture coordinates.
+    uses: [bool; 2],
 }
 
 impl Cells {
     fn new(description: &AssetDescription) -> Self {
         let of = |(number, material): (u16, &Material)| {
             let size = cells_of(description, number);
-            OfMaterial { size, wrap: material.wrap, is_tiled: size != [1, 1] }
+            let second = material.second_textures().count();
+            let uses = [material.textures().count() > second, second > 0];
+            OfMaterial { size, wrap: material.wrap, is_tiled: size != [1, 1], uses }
         };
         Self { of_material: (0..).zip(&description.materials).map(of).collect() }
     }
@@ -164,6 +183,7 @@ struct Piece {
     /// Relative to the asset's origin.
     places: [Vec3; 3],
     uvs: [Vec2; 3],
+    set: UvSet,
     material: u16,
 }
 
@@ -207,12 +227,20 @@ impl Piece {
 }
 
 fn pieces(mesh: &SourceMesh, cells: &Cells, origin: DVec3) -> Vec<Piece> {
-    let piece = |(face, &material): (usize, &u16)| {
-        let of = cells.of(material)?;
-        let (places, uvs) = corners(mesh, face)?;
-        Some((Piece { places: places.map(|place| (place - origin).as_vec3()), uvs, material }, of.cell()))
+    let piece = &|face: usize, material: u16, set: UvSet| {
+        let of = cells.of(material).filter(|of| of.uses[set as usize])?;
+        let (places, uvs) = corners(mesh, face, set)?;
+        Some((
+            Piece { places: places.map(|place| (place - origin).as_vec3()), uvs, set, material },
+            of.cell(),
+        ))
     };
-    let faces = || (0..mesh.faces.len()).zip(&mesh.materials).filter_map(piece);
+    let faces = || {
+        let faces = (0..mesh.faces.len()).zip(&mesh.materials);
+        faces.flat_map(move |(face, &material)| {
+            SETS.into_iter().filter_map(move |set| piece(face, material, set))
+        })
+    };
     let count =
         |most: u32| faces().map(|(piece, cell)| 1_usize << (2 * piece.splits(cell).min(most))).sum::<usize>();
     let room = MAX_PIECES.max(mesh.faces.len());
@@ -258,26 +286,28 @@ fn region(pieces: &[Piece], cells: &Cells) -> Option<TextureRegion> {
     let high = places().reduce(Vec3::max)?;
     let center = (low + high) / 2.0;
     let radius = places().map(|place| place.distance(center)).fold(0.0, f32::max);
-    let mut of_material: BTreeMap<u16, (f64, f64, Vec<bool>)> = BTreeMap::new();
+    // Areas of the surface and in texture coordinates, by set, and the cells of both.
+    let mut of_material: BTreeMap<u16, ([[f64; 2]; 2], Vec<bool>)> = BTreeMap::new();
     for piece in pieces {
         let of = cells.of(piece.material)?;
-        let (area, uv_area, covered) = of_material
-            .entry(piece.material)
-            .or_insert_with(|| (0.0, 0.0, vec![false; tile_grid(of.size).iter().product::<u32>() as usize]));
+        let (areas, covered) = of_material.entry(piece.material).or_insert_with(|| {
+            ([[0.0; 2]; 2], vec![false; tile_grid(of.size).iter().product::<u32>() as usize])
+        });
         let [a, b, c] = piece.places;
         let [s, t, u] = piece.uvs;
-        *area += f64::from((b - a).cross(c - a).length()) / 2.0;
-        *uv_area += f64::from((t - s).perp_dot(u - s).abs()) / 2.0;
+        let area = &mut areas[piece.set as usize];
+        area[0] += f64::from((b - a).cross(c - a).length()) / 2.0;
+        area[1] += f64::from((t - s).perp_dot(u - s).abs()) / 2.0;
         of.cover(&piece.uvs, |cell| covered[usize::from(cell)] = true);
     }
-    let patches = of_material.into_iter().filter(|(_, (area, ..))| *area > 0.0).map(
-        |(material, (area, uv_area, covered))| TexturePatch {
-            material,
-            area: area as f32,
-            uv_per_unit: (uv_area / area).sqrt() as f32,
-            cells: runs(&covered),
-        },
-    );
+    let patches = of_material.into_iter().filter_map(|(material, (areas, covered))| {
+        let area = areas[0][0].max(areas[1][0]);
+        let densities = areas.into_iter().filter(|[area, _]| *area > 0.0).map(|[area, uv]| uv / area);
+        // Of two sets the less dense, so that no map is blurred.
+        let density = densities.min_by(f64::total_cmp)?;
+        let (area, uv_per_unit) = (area as f32, density.sqrt() as f32);
+        Some(TexturePatch { material, area, uv_per_unit, cells: runs(&covered) })
+    });
     let patches: Vec<TexturePatch> = patches.filter(|patch| !patch.cells.is_empty()).collect();
     let sphere = Sphere { center: center.into(), radius };
     (!patches.is_empty() && radius.is_finite()).then_some(TextureRegion { sphere, patches })

@@ -76,6 +76,7 @@ impl Piece {
         let mesh = QuantisedMesh {
             grid: base.grid,
             uv_grid: base.uv_grid,
+            second_uv_grid: base.second_uv_grid,
             positions: std::mem::take(&mut base.positions),
             wedges: std::mem::take(&mut base.wedges),
             faces: std::mem::take(&mut base.faces),
@@ -242,10 +243,9 @@ impl Union {
             let color = mesh.colors.len() as u32;
             mesh.colors.extend(face.colors);
             mesh.faces.push(std::array::from_fn(|i| Corner {
-                position: position + face.vertices[i],
-                uv: NONE,
                 normal: normal + face.wedges[i],
                 color: color + i as u32,
+                ..Corner::at(position + face.vertices[i])
             }));
             let part = piece.parts.get(face.vertices[0] as usize).copied().unwrap_or(0);
             mesh.parts.push(first_part + part);

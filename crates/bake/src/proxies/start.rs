@@ -250,7 +250,7 @@ fn of_faces(mesh: &SourceMesh, faces: &[u32]) -> SourceMesh {
                 own.normals.len() as u32 - 1
             });
             own.colors.push(mesh.colors[corner.color as usize]);
-            Corner { position, uv: NONE, normal, color: own.colors.len() as u32 - 1 }
+            Corner { normal, color: own.colors.len() as u32 - 1, ..Corner::at(position) }
         });
         own.faces.push(corners);
         own.parts.push(mesh.parts[face as usize]);
@@ -279,6 +279,7 @@ fn append(whole: &mut SourceMesh, base: Base) {
     let mesh = QuantisedMesh {
         grid: base.grid,
         uv_grid: base.uv_grid,
+        second_uv_grid: base.second_uv_grid,
         positions: base.positions,
         wedges: base.wedges,
         faces: base.faces,
@@ -293,10 +294,9 @@ fn append(whole: &mut SourceMesh, base: Base) {
     whole.colors.extend(mesh.wedges.iter().map(|wedge| wedge.attributes.color));
     for face in &mesh.faces {
         whole.faces.push(face.wedges.map(|w| Corner {
-            position: first + mesh.wedges[w as usize].vertex,
-            uv: NONE,
             normal: wedge + w,
             color: wedge + w,
+            ..Corner::at(first + mesh.wedges[w as usize].vertex)
         }));
         let vertex = mesh.wedges[face.wedges[0] as usize].vertex;
         whole.parts.push(mesh.parts.get(vertex as usize).copied().unwrap_or(0));

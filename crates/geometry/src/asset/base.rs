@@ -33,6 +33,8 @@ pub struct Base {
     pub grid: Grid,
     /// Grid of the texture coordinates.
     pub uv_grid: UvGrid,
+    /// Grid of the second set of texture coordinates.
+    pub second_uv_grid: UvGrid,
     /// Bounding sphere of the input, relative to [`Grid::origin`].
     pub sphere: Sphere,
     /// Length of the bounding box's diagonal, in the asset's units.
@@ -86,6 +88,12 @@ pub struct BaseBlobs {
 impl Base {
     /// Attributes of its wedges.
     pub(crate) fn kinds(&self) -> Kinds {
-        Kinds { uv_bits: self.uv_grid.bits, colors: self.colors, normals: self.normals, skins: self.skinned }
+        Kinds {
+            uv_bits: self.uv_grid.bits,
+            second_uv_bits: self.second_uv_grid.bits,
+            colors: self.colors,
+            normals: self.normals,
+            skins: self.skinned,
+        }
     }
 }

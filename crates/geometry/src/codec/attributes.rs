@@ -2,7 +2,8 @@
 
 use crate::codec::model::{
     AXIS_LIKE_NEAR, AXIS_UV, BASE_UV, COLOR, EXPLICIT_NORMAL, GROUP, MIX_UV, NORMAL, SAME_COLOR,
-    SIZE_OTHER_CONTEXTS, SIZE_RECENT_CONTEXTS, UV_OTHER, UV_RECENT, UV_REST, UV_SIGN,
+    SHARED_PLACES, SHARED_SECOND_UV, SHARED_UV, SIZE_OTHER_CONTEXTS, SIZE_RECENT_CONTEXTS, UV_OTHER,
+    UV_RECENT, UV_REST, UV_SIGN,
 };
 use crate::codec::residual::{Recent, Residual, UNKNOWN};
 use crate::entropy::range_coder::Coder;
@@ -17,6 +18,11 @@ pub(crate) struct Expected {
     pub(crate) uv: [i32; 2],
     /// Expected error sizes of `uv`, in quarter octaves of the uv grid's cells; `None` if unknown.
     pub(crate) uv_size: Option<[i32; 2]>,
+    /// Of the second set, as `uv` and `uv_size`.
+    pub(crate) second_uv: [i32; 2],
+    pub(crate) second_uv_size: Option<[i32; 2]>,
+    /// With two sets of texture coordinates, what each may equal: often only one of them has a seam at a vertex.
+    pub(crate) shared: [Option<SharedUv>; 2],
     /// If set, whether `uv` equals that of `near` is coded first, with this context.
     pub(crate) like_near: Option<usize>,
     /// If `uv` was projected, the context of its place; `uv_size` is ignored then.
@@ -31,6 +37,42 @@ pub(crate) struct Expected {
     pub(crate) known_group: Option<u32>,
     /// The likely group, and the context of whether it is right.
     pub(crate) group: Option<(u32, usize)>,
+}
+
+/// A set of texture coordinates of another wedge of a vertex: whether a new wedge's equals it is coded first.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct SharedUv {
+    pub(crate) uv: [i32; 2],
+    /// [`SHARED_ALIKE`] to [`SHARED_IN_BASE`].
+    pub(crate) place: usize,
+}
+
+/// Places of a new wedge, below [`SHARED_PLACES`]: the vertex of a split, where the old vertex's wedges on both sides
+/// have equal coordinates, or not; the corner of a new face; the base mesh.
+pub(crate) const SHARED_ALIKE: usize = 0;
+pub(crate) const SHARED_UNLIKE: usize = 1;
+pub(crate) const SHARED_AT_CORNER: usize = 2;
+pub(crate) const SHARED_IN_BASE: usize = 3;
+
+/// Codes whether coordinates equal those of another wedge, if there is one; returns them if so.
+pub(crate) fn code_shared<C: Coder>(
+    coder: &mut C,
+    context: usize,
+    shared: Option<SharedUv>,
+    want: Option<[i32; 2]>,
+) -> Option<[i32; 2]> {
+    let SharedUv { uv, place } = shared?;
+    coder.bit(context + place, want == Some(uv)).then_some(uv)
+}
+
+/// Context of [`code_shared`] for the second set: by whether the first is shared.
+pub(crate) fn shared_second(kinds: Kinds, first_shared: Option<SharedUv>, first: [i32; 2]) -> usize {
+    let class = match first_shared {
+        _ if kinds.uv_bits == 0 => 0,
+        Some(shared) if shared.uv == first => 1,
+        _ => 2,
+    };
+    SHARED_SECOND_UV + class * SHARED_PLACES
 }
 
 pub(crate) const UV: [Residual; 2] = [axis(0), axis(1)];
@@ -49,15 +91,20 @@ const fn axis(axis: usize) -> Residual {
 pub(crate) fn code_attributes<C: Coder>(
     coder: &mut C,
     kinds: Kinds,
-    recent: &mut Recent,
+    recent: &mut [Recent; 2],
     expected: &Expected,
     want: Option<Attributes>,
 ) -> Result<Attributes, DecodeError> {
+    let [recent, second_recent] = recent;
     let uv = code_uv(coder, kinds, recent, expected, want)?;
+    let second_uv = match kinds.second_uv_bits {
+        0 => [0; 2],
+        _ => code_second_uv(coder, kinds, second_recent, (expected, uv), want)?,
+    };
     let group = code_group(coder, expected, want);
     let color = code_color(coder, kinds, expected, want);
     let normal = code_normal(coder, kinds, expected, want)?;
-    Ok(Attributes { uv, group, color, normal })
+    Ok(Attributes { uv, group, color, normal, second_uv })
 }
 
 fn code_group<C: Coder>(coder: &mut C, expected: &Expected, want: Option<Attributes>) -> u32 {
@@ -80,8 +127,10 @@ fn code_uv<C: Coder>(
     expected: &Expected,
     want: Option<Attributes>,
 ) -> Result<[i32; 2], DecodeError> {
-    let mut uv = [0; 2];
     if kinds.uv_bits == 0 {
+        return Ok([0; 2]);
+    }
+    if let Some(uv) = code_shared(coder, SHARED_UV, expected.shared[0], want.map(|w| w.uv)) {
         return Ok(uv);
     }
     if let (Some(context), Some(near)) = (expected.like_near, expected.near)
@@ -89,12 +138,49 @@ fn code_uv<C: Coder>(
     {
         return Ok(near.uv);
     }
+    let Expected { uv, uv_size, projected, .. } = *expected;
+    code_residuals(coder, kinds.uv_bits, recent, (uv, uv_size, projected), want.map(|w| w.uv))
+}
+
+/// Codes the second set of texture coordinates, as the first without projections.
+#[inline(never)]
+fn code_second_uv<C: Coder>(
+    coder: &mut C,
+    kinds: Kinds,
+    recent: &mut Recent,
+    (expected, first): (&Expected, [i32; 2]),
+    want: Option<Attributes>,
+) -> Result<[u16; 2], DecodeError> {
+    let want = want.map(|w| w.uv_of_set(1));
+    let context = shared_second(kinds, expected.shared[0], first);
+    let uv = match code_shared(coder, context, expected.shared[1], want) {
+        Some(uv) => uv,
+        None => {
+            let expected = (expected.second_uv, expected.second_uv_size, None);
+            code_residuals(coder, kinds.second_uv_bits, recent, expected, want)?
+        }
+    };
+    // In range: below 2^16.
+    Ok(uv.map(|x| u16::try_from(x).unwrap_or_default()))
+}
+
+/// Codes texture coordinates against their prediction: the value, its expected error sizes, and the context of its
+/// place if it was projected.
+#[inline(always)]
+fn code_residuals<C: Coder>(
+    coder: &mut C,
+    bits: u8,
+    recent: &mut Recent,
+    (expected, size, projected): ([i32; 2], Option<[i32; 2]>, Option<usize>),
+    want: Option<[i32; 2]>,
+) -> Result<[i32; 2], DecodeError> {
+    let mut uv = [0; 2];
     let mut other = UNKNOWN;
     // Context by coordinate and by whether the first equalled its projection.
     let mut missed = 0;
     for axis in 0..2 {
-        let residual = want.map_or(0, |w| w.uv[axis] - expected.uv[axis]);
-        let got = match (expected.projected, expected.uv_size) {
+        let residual = want.map_or(0, |want| want[axis] - expected[axis]);
+        let got = match (projected, size) {
             (Some(place), _) => {
                 let got = signed(coder, AXIS_UV + (place * 3 + missed) * INTEGER_CONTEXTS, residual);
                 missed = 1 + usize::from(got != 0);
@@ -108,8 +194,8 @@ fn code_uv<C: Coder>(
             }
             (None, None) => signed(coder, BASE_UV + axis * INTEGER_CONTEXTS, residual),
         };
-        uv[axis] = expected.uv[axis].wrapping_add(got);
-        if uv[axis] < 0 || uv[axis] >= 1 << kinds.uv_bits {
+        uv[axis] = expected[axis].wrapping_add(got);
+        if uv[axis] < 0 || uv[axis] >= 1 << bits {
             return Err(DecodeError::new("wedge", "a texture coordinate is off the grid"));
         }
     }

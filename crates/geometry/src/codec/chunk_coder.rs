@@ -62,9 +62,9 @@ pub(crate) struct ChunkCoder<'a, 'm, C> {
     pub(crate) guide: EncoderTarget<'a, C>,
     /// The known part of the region, with the added elements.
     pub(crate) local: Local<'m>,
-    /// Recent ratios of residuals to their expected sizes: of positions, and of texture coordinates.
+    /// Recent ratios of residuals to their expected sizes: of positions, and of both sets of texture coordinates.
     pub(crate) recent: Recent,
-    pub(crate) recent_uv: Recent,
+    pub(crate) recent_uv: [Recent; 2],
     /// Texture projections, with [`Codec::AxisAligned`].
     pub(crate) uv_maps: UvMaps,
     pub(crate) scratch: Scratch,
@@ -97,7 +97,7 @@ impl<'a, 'm, C: Coder> ChunkCoder<'a, 'm, C> {
             guide: EncoderTarget::new(None),
             local: Local::new(mesh, chunk, std::mem::take(&mut memory.local)),
             recent: Recent::default(),
-            recent_uv: Recent::default(),
+            recent_uv: Default::default(),
             uv_maps: UvMaps::default(),
             scratch: std::mem::take(&mut memory.scratch),
         }

@@ -64,6 +64,9 @@ pub(crate) const WEIGHT_CLASSES: usize = 8;
 /// Bits of a joint's number.
 pub(crate) const JOINT_BITS: u32 = 8;
 
+/// Places of a new wedge that may share a set of texture coordinates with another wedge of its vertex.
+pub(crate) const SHARED_PLACES: usize = 4;
+
 /// Contexts per kind of residual: by recent ratios, and by the previous residual.
 pub(crate) const SIZE_RECENT_CONTEXTS: usize = SIZES * RECENTS * CLASSES;
 pub(crate) const SIZE_OTHER_CONTEXTS: usize = SIZES / 2 * OTHERS * CLASSES;
@@ -171,6 +174,8 @@ layout! { CONTEXTS:
     SKIN_ANOTHER = MAX_INFLUENCES,
     SKIN_JOINT = tree_contexts(JOINT_BITS),
     SKIN_WEIGHT = (MAX_INFLUENCES - 1) * INTEGER_CONTEXTS,
+    SHARED_UV = SHARED_PLACES,
+    SHARED_SECOND_UV = 3 * SHARED_PLACES,
 }
 
 /// Assigns contexts to the streams of [`crate::entropy::zstd_streams`]. Byte streams: rare symbols; lengths and

@@ -1,7 +1,9 @@
 //! Coding of wedges and materials of a split: the wedges of moved corners and new faces, and the attributes of new
 //! wedges.
 
-use crate::codec::attributes::{Expected, code_attributes};
+use crate::codec::attributes::{
+    Expected, SHARED_ALIKE, SHARED_AT_CORNER, SHARED_UNLIKE, SharedUv, code_attributes,
+};
 use crate::codec::chunk_coder::ChunkCoder;
 use crate::codec::local::Local;
 use crate::codec::model::{
@@ -65,7 +67,7 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
                 _ => {
                     let new = matches!(want, Some(TargetWedge::New(_)));
                     if first.is_none() || self.coder.bit(NEW_MOVED_WEDGE, new) {
-                        let expected = self.expected(split, from);
+                        let expected = self.expected(split, from, &pairs);
                         let sheet = self.axis_aligned().then(|| {
                             let normal = normal_of_moved(&self.local, split, Some(from));
                             Sheet::new(normal, self.local.material(star_face.face))
@@ -95,20 +97,34 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
     }
 
     /// Predicts the new vertex's wedge from the moved faces that had wedge `from`: texture coordinates by an affine
-    /// fit over the ring, weighted by proximity, at the new position.
-    fn expected(&mut self, split: &Split, from: u32) -> Expected {
+    /// fit over the ring, weighted by proximity, at the new position. `pairs` are the wedges of the old and the new
+    /// vertex in the moved faces so far.
+    fn expected(&mut self, split: &Split, from: u32, pairs: &[(u32, u32)]) -> Expected {
         let (kinds, local) = (self.mesh.kinds, &self.local);
         let near = Some(local.wedges[from as usize].attributes);
         let mut expected = Expected { near, ..Expected::default() };
-        if kinds.uv_bits > 0 || kinds.normals {
+        if kinds.uv_bits > 0 || kinds.second_uv_bits > 0 || kinds.normals {
             expected.normal = normal_of_moved(local, split, None);
         }
         if kinds.uv_bits > 0 {
             let UvFit { points, visited, .. } = &mut self.scratch.fitting;
-            gather_points(local, split, from, points, visited);
-            let (uv, spread) = fit(points, expected.normal);
-            expected.uv = [0, 1].map(|k| floored((uv[k] + 0.5).clamp(-1.0e9, 1.0e9)));
-            expected.uv_size = Some([quarter_octaves(spread * UV_SIZE); 2]);
+            gather_points(local, split, from, 0, points, visited);
+            let (uv, size) = fitted(points, expected.normal);
+            (expected.uv, expected.uv_size) = (uv, Some(size));
+        }
+        if kinds.second_uv_bits > 0 {
+            let UvFit { points, visited, .. } = &mut self.scratch.fitting;
+            gather_points(local, split, from, 1, points, visited);
+            let (uv, size) = fitted(points, expected.normal);
+            (expected.second_uv, expected.second_uv_size) = (uv, Some(size));
+            let uv_of = |wedge: u32, set| local.wedges[wedge as usize].attributes.uv_of_set(set);
+            expected.shared = [0, 1].map(|set| {
+                let alike =
+                    pairs.iter().find(|pair| uv_of(pair.0, set) == uv_of(from, set)).map(|pair| pair.1);
+                let place = if alike.is_some() { SHARED_ALIKE } else { SHARED_UNLIKE };
+                let wedge = alike.or(local.first_wedge(split.u))?;
+                Some(SharedUv { uv: uv_of(wedge, set), place })
+            });
         }
         expected
     }
@@ -226,10 +242,18 @@ impl<C: Coder> ChunkCoder<'_, '_, C> {
             new = AXIS_NEW_WEDGE + kind * 2 + usize::from(likely.is_some());
         }
         if first.is_none() || self.coder.bit(new, matches!(want, Some(TargetWedge::New(_)))) {
-            let near = guess.or(first).or(near);
-            let near = near.map(|w| self.local.wedges[w as usize].attributes);
-            let uv = near.map_or([0; 2], |w| w.uv);
-            return self.new_wedge(vertex, Expected { uv, near, ..Expected::default() }, facing, want);
+            let attributes = |w: u32| self.local.wedges[w as usize].attributes;
+            let own = guess.or(first);
+            let near = own.or(near).map(attributes);
+            let mut expected = Expected { uv: near.map_or([0; 2], |w| w.uv), near, ..Expected::default() };
+            if self.mesh.kinds.second_uv_bits > 0 {
+                expected.second_uv = near.map_or([0; 2], |w| w.uv_of_set(1));
+                expected.shared = [0, 1].map(|set| {
+                    let uv = attributes(own?).uv_of_set(set);
+                    Some(SharedUv { uv, place: SHARED_AT_CORNER })
+                });
+            }
+            return self.new_wedge(vertex, expected, facing, want);
         }
         self.chosen(vertex, want)
     }
@@ -247,39 +271,56 @@ fn normal_of_moved(local: &Local<'_>, split: &Split, of: Option<u32>) -> Vec3 {
     normal
 }
 
-/// The wedges of the moved faces with one wedge of t, relative to the position of u.
+/// A set of texture coordinates of the wedges of the moved faces with one wedge of t, relative to the position of u.
+/// With two sets, of the faces whose wedges of t have equal coordinates in this one: at a seam of the other set, too.
 fn gather_points(
     local: &Local<'_>,
     split: &Split,
     from: u32,
+    set: usize,
     points: &mut Vec<(Vec3, Vec3, f64)>,
     visited: &mut Vec<u32>,
 ) {
     let center = local.position(split.u);
+    let two_sets = local.mesh.kinds.second_uv_bits > 0;
+    let uv_of = |wedge: u32| local.wedges[wedge as usize].attributes.uv_of_set(set);
     visited.clear();
     points.clear();
-    let mut see = |wedge: u32| {
+    let see = |wedge: u32, points: &mut Vec<(Vec3, Vec3, f64)>, visited: &mut Vec<u32>| {
         if visited.contains(&wedge) {
             return;
         }
         visited.push(wedge);
         let w = &local.wedges[wedge as usize];
         let at = sub(local.position(w.vertex), center);
-        let [u, v] = w.attributes.uv.map(f64::from);
+        let [u, v] = w.attributes.uv_of_set(set).map(f64::from);
         points.push((at, [u, v, 0.0], 1.0 / (dot(at, at) + 1.0)));
     };
-    see(from);
+    see(from, points, visited);
     for &i in &split.moving {
-        if split.targets[i] == from {
+        let target = split.targets[i];
+        let joined = two_sets && visited.len() < MAX_JOINED && uv_of(target) == uv_of(from);
+        if target == from || joined {
             let [_, a, b] = local.spoke_wedges(&split.fan.star_faces[i]);
-            see(a);
-            see(b);
+            see(a, points, visited);
+            see(b, points, visited);
         }
     }
 }
 
+/// Most points to which faces across a seam of the other set add: bounds the work for an untrusted peer's vertex, each
+/// of whose wedges may have the same coordinates in one set.
+const MAX_JOINED: usize = 32;
+
 /// Expected error of a fitted texture coordinate, relative to the spread of the points.
 const UV_SIZE: f64 = 0.1;
+
+/// Texture coordinates by [`fit`], and their expected error sizes in quarter octaves.
+fn fitted(points: &[(Vec3, Vec3, f64)], normal: Vec3) -> ([i32; 2], [i32; 2]) {
+    let (uv, spread) = fit(points, normal);
+    let uv = [0, 1].map(|k| floored((uv[k] + 0.5).clamp(-1.0e9, 1.0e9)));
+    (uv, [quarter_octaves(spread * UV_SIZE); 2])
+}
 
 /// Value at the origin of an affine function fitted to (position, value, weight) in the plane with the given normal,
 /// and the root mean square of the values about their mean. With too few points: the mean.

@@ -44,6 +44,8 @@ pub struct Corner {
     pub position: u32,
     /// Index into [`SourceMesh::uvs`], or [`NONE`].
     pub uv: u32,
+    /// Index into [`SourceMesh::second_uvs`], or [`NONE`].
+    pub second_uv: u32,
     /// Index into [`SourceMesh::normals`], or [`NONE`].
     pub normal: u32,
     /// Index into [`SourceMesh::colors`], or [`NONE`].
@@ -54,7 +56,7 @@ impl Corner {
     /// A corner without attributes.
     #[must_use]
     pub const fn at(position: u32) -> Self {
-        Self { position, uv: NONE, normal: NONE, color: NONE }
+        Self { position, uv: NONE, second_uv: NONE, normal: NONE, color: NONE }
     }
 }
 
@@ -68,6 +70,8 @@ pub struct SourceMesh {
     pub positions: Vec<[f64; 3]>,
     /// Texture coordinates, `v` up as in OBJ; may be empty.
     pub uvs: Vec<[f32; 2]>,
+    /// A second set of texture coordinates, such as of lightmaps, `v` up; may be empty.
+    pub second_uvs: Vec<[f32; 2]>,
     /// Unit normals; may be empty. They determine the normal groups (creases), and are stored only where they differ
     /// from the computed ones ([`crate::quantise::QuantiseSettings::normal_tolerance`]).
     pub normals: Vec<[f32; 3]>,
@@ -91,10 +95,19 @@ pub struct SourceMesh {
 pub(crate) struct Kinds {
     /// Bits per axis of texture coordinates, 0 for none.
     pub(crate) uv_bits: u8,
+    /// Bits per axis of the second set of texture coordinates, 0 for none.
+    pub(crate) second_uv_bits: u8,
     pub(crate) colors: bool,
     pub(crate) normals: bool,
     /// Whether joints move vertices.
     pub(crate) skins: bool,
+}
+
+impl Kinds {
+    /// Bits per axis of a set of texture coordinates: 0 for the first, else the second.
+    pub(crate) fn uv_bits_of_set(self, set: usize) -> u8 {
+        if set == 0 { self.uv_bits } else { self.second_uv_bits }
+    }
 }
 
 /// Bits per axis of an [`Attributes::normal`].
@@ -115,11 +128,21 @@ pub struct Attributes {
     /// The explicit normal on the octahedral map ([`crate::mesh::octahedral`]), [`NORMAL_BITS`] per axis, if it
     /// differs from the computed one; else `None`.
     pub normal: Option<[u16; 2]>,
+    /// The second set of texture coordinates, on its grid; 0 if the asset has none.
+    pub second_uv: [u16; 2],
 }
 
 impl Default for Attributes {
     fn default() -> Self {
-        Self { uv: [0; 2], group: 0, color: NO_COLOR, normal: None }
+        Self { uv: [0; 2], group: 0, color: NO_COLOR, normal: None, second_uv: [0; 2] }
+    }
+}
+
+impl Attributes {
+    /// A set of texture coordinates on its grid: 0 for the first, else the second.
+    #[inline]
+    pub(crate) fn uv_of_set(&self, set: usize) -> [i32; 2] {
+        if set == 0 { self.uv } else { self.second_uv.map(i32::from) }
     }
 }
 
@@ -176,6 +199,9 @@ pub struct UvGrid {
 }
 
 impl UvGrid {
+    /// The grid of an asset without texture coordinates.
+    pub const NONE: Self = Self { origin: [0.0; 2], step: [0.0; 2], bits: 0 };
+
     /// The texture coordinate of an integer point.
     #[must_use]
     pub fn uv(&self, q: [i32; 2]) -> [f64; 2] {
@@ -192,6 +218,8 @@ pub struct QuantisedMesh {
     pub grid: Grid,
     /// Grid of the texture coordinates.
     pub uv_grid: UvGrid,
+    /// Grid of the second set of texture coordinates.
+    pub second_uv_grid: UvGrid,
     /// One integer position per vertex.
     pub positions: Vec<[i32; 3]>,
     /// Wedges; each names its vertex.

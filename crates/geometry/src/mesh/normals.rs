@@ -89,7 +89,8 @@ mod tests {
         let wedge = |vertex| Wedge { vertex, attributes: Attributes::default() };
         QuantisedMesh {
             grid: Grid { origin: [0.0; 3], step: 1.0, bits: 4 },
-            uv_grid: UvGrid { origin: [0.0; 2], step: [0.0; 2], bits: 0 },
+            uv_grid: UvGrid::NONE,
+            second_uv_grid: UvGrid::NONE,
             positions: vec![[0, 0, 0], [9, 0, 0], [9, 9, 0], [0, 9, 0]],
             wedges: (0..4).map(wedge).collect(),
             faces: [[0, 1, 2], [0, 2, 3]].map(|wedges| Face { wedges, material: 0 }).to_vec(),

@@ -189,13 +189,14 @@ fn ordered_base(
     }
     let kinds = Kinds {
         uv_bits: mesh.uv_grid.bits,
+        second_uv_bits: mesh.second_uv_grid.bits,
         colors: mesh.wedges.iter().any(|w| w.attributes.color != NO_COLOR),
         normals: mesh.wedges.iter().any(|w| w.attributes.normal.is_some()),
         skins: !mesh.skins.is_empty(),
     };
-    let ordered =
-        base::ordered(coarsest, BaseFormat::new(mesh.grid.bits, kinds, materials, parts, &mesh.uv_grid))
-            .map_err(|e| MeshError::Internal { why: e.to_string() })?;
+    let uv_grids = [&mesh.uv_grid, &mesh.second_uv_grid];
+    let format = BaseFormat::new(mesh.grid.bits, kinds, materials, parts, uv_grids);
+    let ordered = base::ordered(coarsest, format).map_err(|e| MeshError::Internal { why: e.to_string() })?;
     let mut min = [i32::MAX; 3];
     let mut max = [i32::MIN; 3];
     for p in &mesh.positions {
@@ -210,6 +211,7 @@ fn ordered_base(
     let base = Base {
         grid: mesh.grid,
         uv_grid: mesh.uv_grid,
+        second_uv_grid: mesh.second_uv_grid,
         sphere: Sphere { center: center.map(|x| x as f32), radius: round_up(radius) },
         diagonal: (2.0 * radius) as f32,
         geometric_error: 0.0,

@@ -156,7 +156,7 @@ fn record(
             base.kinds(),
             base.material_count,
             base.part_count,
-            &base.uv_grid,
+            [&base.uv_grid, &base.second_uv_grid],
         );
         encode_base(&mut recorder, &mesh, format, false)
             .map_err(|e| MeshError::Internal { why: e.to_string() })?;

@@ -25,6 +25,7 @@ use crate::refine::slots::Slots;
 pub struct ActiveMesh {
     pub(crate) grid: Grid,
     pub(crate) uv_grid: UvGrid,
+    pub(crate) second_uv_grid: UvGrid,
     pub(crate) codec: Codec,
     pub(crate) kinds: Kinds,
     pub(crate) applied: AppliedOwners,
@@ -77,6 +78,7 @@ impl ActiveMesh {
         let mut mesh = Self {
             grid: base.grid,
             uv_grid: base.uv_grid,
+            second_uv_grid: base.second_uv_grid,
             codec: base.codec,
             kinds: base.kinds(),
             applied: AppliedOwners::new(base.chunk_count),
@@ -182,6 +184,12 @@ impl ActiveMesh {
     #[must_use]
     pub fn skinned(&self) -> bool {
         self.kinds.skins
+    }
+
+    /// Whether its wedges have a second set of texture coordinates.
+    #[must_use]
+    pub fn has_second_uvs(&self) -> bool {
+        self.kinds.second_uv_bits > 0
     }
 
     /// Current number of faces.

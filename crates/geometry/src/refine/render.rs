@@ -17,6 +17,8 @@ pub struct RenderVertex {
     pub normal: [f32; 3],
     /// Texture coordinates, `v` up.
     pub uv: [f32; 2],
+    /// The second set of texture coordinates, `v` up; 0 unless [`ActiveMesh::has_second_uvs`].
+    pub second_uv: [f32; 2],
     /// Colour; see [`crate::mesh::Attributes::color`].
     pub color: [u8; 4],
     /// Position before [`ActiveMesh::wedge_chunk`] was applied, relative like `position`.
@@ -80,12 +82,14 @@ impl ActiveMesh {
         let step = self.grid.step;
         let place = |q: [i32; 3]| q.map(|x| nearest_f32(f64::from(x) * step));
         let uv = self.uv_grid.uv(wedge.attributes.uv);
+        let second_uv = self.second_uv_grid.uv(wedge.attributes.second_uv.map(i32::from));
         let (normal, smooth) = self.normal(wedge);
         RenderVertex {
             position: place(self.positions[wedge.vertex as usize]),
             normal: normal.map(nearest_f32),
             smooth,
             uv: uv.map(nearest_f32),
+            second_uv: second_uv.map(nearest_f32),
             color: wedge.attributes.color,
             morph_from: place(self.morph_from[wedge.vertex as usize]),
             part: self.part(wedge.vertex),

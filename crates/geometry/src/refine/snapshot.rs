@@ -57,6 +57,7 @@ impl ActiveMesh {
         let mut mesh = QuantisedMesh {
             grid: self.grid,
             uv_grid: self.uv_grid,
+            second_uv_grid: self.second_uv_grid,
             positions: Vec::new(),
             wedges: Vec::new(),
             faces: Vec::new(),

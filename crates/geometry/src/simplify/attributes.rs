@@ -4,7 +4,7 @@
 //! distance between a point of the input and the place on the coarse surface with its texture coordinates, computed
 //! here from the difference of texture coordinates at the nearest point and the input's local texture density. Across
 //! a seam that difference is meaningless; but texture moves with vertices, so the value is bounded by the
-//! displacement of the vertex. The maximum counts.
+//! displacement of the vertex. The maximum counts, of both sets of texture coordinates.
 //!
 //! *Shading.* The chord between the input's normal and the coarse surface's, times the input's local edge length:
 //! shading below pixel size need not be exact, and a wrong normal is visible on about one input face. Normals of tiny
@@ -16,12 +16,12 @@
 
 use glam::DVec3;
 
-use crate::mesh::UvGrid;
 use crate::mesh::distance::closest_point_on_triangle;
 use crate::mesh::rows::Rows;
 use crate::mesh::slot_map::SlotMap;
 use crate::mesh::vec3::{Vec3, add, cross, dot, length, scale, sub, triangle_normal};
 use crate::mesh::wide_bvh::WideBvh;
+use crate::mesh::{UvGrid, Wedge};
 use crate::simplify::live::Live;
 use crate::simplify::posed::PosedMesh;
 
@@ -33,12 +33,14 @@ pub(crate) struct InputAttributes {
     normals: Vec<[f32; 3]>,
     /// Local edge length.
     spacing: Vec<f32>,
-    texture: Option<Texture>,
+    /// Of each set of texture coordinates.
+    textures: Vec<Texture>,
     posed: Option<PosedMesh>,
 }
 
-/// Texture coordinates of the input.
+/// A set of texture coordinates of the input.
 struct Texture {
+    set: usize,
     grid: UvGrid,
     /// Length on the surface per unit of texture coordinates; 0 without texture.
     length_per_uv: Vec<f32>,
@@ -48,7 +50,7 @@ struct Texture {
 
 impl InputAttributes {
     /// Attributes of an uncollapsed mesh.
-    pub(crate) fn new(live: &Live<'_>, grid: UvGrid) -> Self {
+    pub(crate) fn new(live: &Live<'_>) -> Self {
         let area = |v: u32| -> f64 {
             let faces = live.stars.corners(v).map(|c| c / 3);
             faces.map(|f| length(normal_of(live, f))).sum::<f64>()
@@ -60,7 +62,7 @@ impl InputAttributes {
         Self {
             spacing: spacing.collect(),
             normals: (0..live.positions.len() as u32).map(|v| vertex_normal(live, v)).collect(),
-            texture: (grid.bits > 0).then(|| Texture::new(live, grid)),
+            textures: Texture::sets(live),
             posed: PosedMesh::new(live),
         }
     }
@@ -89,7 +91,7 @@ impl InputAttributes {
         }
         let shading = (sum / f64::max(count, 1.0)).sqrt();
         let mut worst = shading;
-        if let Some(texture) = &self.texture {
+        for texture in &self.textures {
             worst = vertices().fold(worst, |worst, s| {
                 texture.displacement(live, (s, input.position(s)), face_near(s), worst)
             });
@@ -107,22 +109,28 @@ impl InputAttributes {
 }
 
 impl Texture {
-    fn new(live: &Live<'_>, grid: UvGrid) -> Self {
+    /// The sets that the mesh has.
+    fn sets(live: &Live<'_>) -> Vec<Self> {
+        let grids = (0..).zip([live.mesh().uv_grid, live.mesh().second_uv_grid]);
+        grids.filter(|(_, grid)| grid.bits > 0).map(|(set, grid)| Self::new(live, set, grid)).collect()
+    }
+
+    fn new(live: &Live<'_>, set: usize, grid: UvGrid) -> Self {
         let count = live.positions.len();
-        let uvs = Rows::new(count, || live.wedges.iter().map(|w| (w.vertex, w.attributes.uv)));
+        let of = |wedge: &Wedge| (wedge.vertex, wedge.attributes.uv_of_set(set));
+        let uvs = Rows::new(count, || live.wedges.iter().map(of));
         let length_per_uv = (0..count as u32).map(|v| {
             let (mut surface, mut map) = (0.0, 0.0);
             for face in live.stars.corners(v).map(|c| c / 3) {
-                let uv = |k: usize| {
-                    uv_of(&grid, live.wedges.get(live.face_wedges[face as usize][k]).attributes.uv)
-                };
+                let wedges = live.face_wedges[face as usize];
+                let uv = |k: usize| uv_of(&grid, of(&live.wedges.get(wedges[k])).1);
                 let ([a, b], [c, d], [e, f]) = (uv(0), uv(1), uv(2));
                 map += ((c - a) * (f - b) - (d - b) * (e - a)).abs();
                 surface += length(normal_of(live, face));
             }
             if map > 0.0 { (surface / map).sqrt() as f32 } else { 0.0 }
         });
-        Self { length_per_uv: length_per_uv.collect(), grid, uvs }
+        Self { set, length_per_uv: length_per_uv.collect(), grid, uvs }
     }
 
     /// Displacement of the texture at a vertex of the input, or `enough` if it is less.
@@ -149,7 +157,7 @@ impl Texture {
         let near = NearestPoint::new(live, point, face);
         let wedges = live.face_wedges[face as usize];
         let [u, v, _] = near.mix(|k| {
-            let [u, v] = uv_of(&self.grid, live.wedges.get(wedges[k]).attributes.uv);
+            let [u, v] = uv_of(&self.grid, live.wedges.get(wedges[k]).attributes.uv_of_set(self.set));
             [u, v, 0.0]
         });
         let own = self.uvs.row(sample).iter();

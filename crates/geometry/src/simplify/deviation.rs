@@ -15,7 +15,6 @@
 //! "Appearance-preserving simplification", 1998, §4); [`MARGIN`] covers the surface between the sampled points.
 
 use crate::error::MeshError;
-use crate::mesh::UvGrid;
 use crate::mesh::corner;
 use crate::mesh::distance::TriangleBvh;
 use crate::mesh::rows::Rows;
@@ -157,7 +156,7 @@ impl FirstSamples {
 
 impl Deviation {
     /// For an uncollapsed input.
-    pub(crate) fn new(live: &Live<'_>, uv_grid: UvGrid, pool: &MonitoredPool<'_>) -> Result<Self, MeshError> {
+    pub(crate) fn new(live: &Live<'_>, pool: &MonitoredPool<'_>) -> Result<Self, MeshError> {
         let (hierarchy, rest) = pool.both(
             &|| {
                 let input = WideBvh::new(&live.positions, &live.face_vertices);
@@ -166,7 +165,7 @@ impl Deviation {
                 };
                 (Rows::new(live.positions.len(), by_corner), input)
             },
-            &|| (FirstSamples::new(live), InputAttributes::new(live, uv_grid)),
+            &|| (FirstSamples::new(live), InputAttributes::new(live)),
         )?;
         let ((input_faces, input), (first, attributes)) = (hierarchy, rest);
         let FirstSamples { attached, middles, around, mean_edge } = first;

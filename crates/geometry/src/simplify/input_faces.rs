@@ -266,8 +266,7 @@ mod tests {
         }
         let mesh = common::quantised(&mesh);
         let live = Live::new(&mesh, crate::entropy::Codec::Range);
-        let mut deviation =
-            Deviation::new(&live, mesh.uv_grid, &MonitoredPool::new(&Serial, &Silent, 0)).unwrap();
+        let mut deviation = Deviation::new(&live, &MonitoredPool::new(&Serial, &Silent, 0)).unwrap();
         let start = mesh.wedges[mesh.faces[0].wedges[0] as usize].vertex;
         for vertex in mesh.faces[0].wedges.map(|w| mesh.wedges[w as usize].vertex) {
             let face = if vertex == start { 1 } else { 2 };

@@ -85,7 +85,7 @@ pub(crate) fn simplify_from<'a>(
     let diagonal = diagonal(mesh);
     let limit =
         Limit::new(&live, (settings.base_error * diagonal - inherited.max_geometric()).max(0.0), diagonal);
-    let mut deviation = Deviation::new(&live, mesh.uv_grid, pool)?.with_inherited(inherited);
+    let mut deviation = Deviation::new(&live, pool)?.with_inherited(inherited);
     let mut stray_error = merged.map_or(0.0, |merged| merged.stray_error);
     let mut shifts = vec![0; 1 + levels.count()];
     // Components of a mesh with parts keep their shape anyway.

@@ -143,22 +143,25 @@ pub(super) fn list<T, const N: usize>(
 /// Appends wedges.
 pub(super) fn put_wedges(out: &mut Vec<u8>, wedges: &[Wedge]) {
     put(out, wedges, |w| {
-        let Attributes { uv, group, color, normal } = w.attributes;
+        let Attributes { uv, group, color, normal, second_uv } = w.attributes;
         let [u, v] = uv.map(i32::cast_unsigned);
-        let [x, y] = normal.unwrap_or_default().map(u32::from);
-        [w.vertex, u, v, group, u32::from_le_bytes(color), normal.is_some().into(), x << 16 | y]
+        let halves = |[x, y]: [u16; 2]| u32::from(x) << 16 | u32::from(y);
+        let (has_normal, normal) = (normal.is_some().into(), halves(normal.unwrap_or_default()));
+        [w.vertex, u, v, group, u32::from_le_bytes(color), has_normal, normal, halves(second_uv)]
     });
 }
 
 /// Parses wedges written by [`put_wedges`].
 pub(super) fn wedges(r: &mut Reader<'_>) -> Result<Vec<Wedge>, DecodeError> {
-    list(r, |[vertex, u, v, group, color, has_normal, normal]| Wedge {
+    let halves = |word: u32| [(word >> 16) as u16, word as u16];
+    list(r, |[vertex, u, v, group, color, has_normal, normal, second_uv]| Wedge {
         vertex,
         attributes: Attributes {
             uv: [u, v].map(u32::cast_signed),
             group,
             color: color.to_le_bytes(),
-            normal: (has_normal != 0).then_some([(normal >> 16) as u16, normal as u16]),
+            normal: (has_normal != 0).then_some(halves(normal)),
+            second_uv: halves(second_uv),
         },
     })
 }

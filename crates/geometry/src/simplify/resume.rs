@@ -16,7 +16,7 @@ use crate::simplify::live::Live;
 use crate::simplify::packed::{halves, list, put, put_wedges, real, wedges};
 
 /// Version of the layout of stored pieces.
-const LAYOUT: u32 = 1;
+const LAYOUT: u32 = 2;
 
 /// Outcome of a level.
 #[derive(Clone, Copy, Debug, PartialEq)]

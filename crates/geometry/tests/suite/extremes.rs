@@ -2,7 +2,7 @@
 
 use lodestream_geometry::base::Base;
 use lodestream_geometry::check::check;
-use lodestream_geometry::mesh::{Corner, NONE, QuantisedMesh, SourceMesh};
+use lodestream_geometry::mesh::{Corner, QuantisedMesh, SourceMesh};
 use lodestream_geometry::pool::Serial;
 use lodestream_geometry::prepare::Prepared;
 use lodestream_geometry::quantise::{QuantiseSettings, quantise};
@@ -153,7 +153,7 @@ fn a_vertex_where_two_thousand_sheets_meet() {
         let r = (1.0 - z * z).max(0.0).sqrt();
         let tip = |turn: f64| [r * (angle + turn).cos(), r * (angle + turn).sin(), z];
         source.positions.extend([tip(0.0), tip(0.02)]);
-        let corner = |position| Corner { position, uv: NONE, normal: NONE, color: NONE };
+        let corner = Corner::at;
         source.faces.push([corner(0), corner(2 * i + 1), corner(2 * i + 2)]);
         source.materials.push(0);
     }

@@ -52,4 +52,5 @@ c2f6bd3fbd8587af 9f575b4b568ad248 de7f86b1749e5152 dressed stones
 5084c3a2d408d7ff 543b6ad16faf7873 865500a262481beb parts of one component each
 d546a05e2183f49e dc43bd43273b37e9 977e1fd355e4f53b parts that touch
 7697e5905b6df98e 6bc661c1cc2ec5d5 ff6cab1726cfa494 skinned torus
+f9de94e777351b7d 1f27acd9e1ceac12 68ba8362bf895439 lightmapped torus
 ";

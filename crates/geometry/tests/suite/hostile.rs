@@ -13,15 +13,18 @@ use proptest::prelude::*;
 use crate::common::{prepared, quantised, regions, shapes, with_truncation_points};
 use crate::invariants::deltas;
 
-/// Small assets with all features: seams, materials, vertices without faces, non-manifold stars, colours and normals.
+/// Small assets with all features: seams, materials, vertices without faces, non-manifold stars, colours, normals and two sets of
+/// texture coordinates.
 /// The range coder has all of them; codecs that only code the same values differently have those that add a value.
 fn samples() -> Vec<Prepared> {
     let torus = shapes::materials(shapes::torus(9, 11), 3);
     let painted = shapes::painted(shapes::torus(7, 9));
     let parts = shapes::parts(shapes::height_field(16), 128);
+    let lightmapped = shapes::lightmapped(shapes::torus(8, 10), 1);
     let small = [
         torus,
         painted,
+        lightmapped,
         shapes::stones(6),
         shapes::fans(20),
         shapes::components(30),
@@ -39,8 +42,8 @@ fn samples() -> Vec<Prepared> {
     };
     [
         prepared(Codec::Range, &small),
-        prepared(Codec::AxisAligned, &small[..4]),
-        prepared(Codec::Zstd, &small[..4]),
+        prepared(Codec::AxisAligned, &small[..5]),
+        prepared(Codec::Zstd, &small[..5]),
     ]
     .concat()
 }

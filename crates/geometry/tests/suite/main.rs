@@ -23,3 +23,4 @@ mod resuming;
 mod sets;
 mod skins;
 mod touching;
+mod two_uv_sets;

@@ -56,6 +56,22 @@ fn random_mesh(random: &mut Random) -> SourceMesh {
     mesh
 }
 
+/// Adds a second set of random texture coordinates at most corners, some shared; with every third, the first set is
+/// removed.
+fn add_second_uvs(mesh: &mut SourceMesh, random: &mut Random) {
+    let count = 1 + random.below(30);
+    mesh.second_uvs = (0..count).map(|_| [random.unit() as f32, random.unit() as f32]).collect();
+    let alone = random.below(3) == 0;
+    for corner in mesh.faces.iter_mut().flatten() {
+        if random.below(8) > 0 {
+            corner.second_uv = random.below(count) as u32;
+        }
+        if alone {
+            corner.uv = NONE;
+        }
+    }
+}
+
 /// `RANDOM_MESHES=N` tries N meshes instead of 60.
 #[test]
 fn random_non_manifold_meshes_keep_the_invariants() {
@@ -63,7 +79,10 @@ fn random_non_manifold_meshes_keep_the_invariants() {
     let mut usable = 0;
     for seed in 0..seeds {
         let mut random = Random::new(seed);
-        let source = random_mesh(&mut random);
+        let mut source = random_mesh(&mut random);
+        if seed % 2 == 1 {
+            add_second_uvs(&mut source, &mut Random::new(seed));
+        }
         if quantise(&source, &QuantiseSettings::default()).is_err() {
             continue;
         }

@@ -299,7 +299,8 @@ fn simple(map: &DMat4, from: &[[f64; 3]], to: &[[f64; 3]], tolerance: f64) -> DM
 /// The similarity that makes `original` to `copy`, if every vertex is within the tolerance and everything else is equal.
 fn copy_of(original: &SourceMesh, copy: &SourceMesh, tolerance: f64) -> Option<DMat4> {
     let counts = |mesh: &SourceMesh| {
-        [mesh.positions.len(), mesh.normals.len(), mesh.uvs.len(), mesh.colors.len(), mesh.faces.len()]
+        let uvs = [mesh.uvs.len(), mesh.second_uvs.len()];
+        (mesh.positions.len(), mesh.normals.len(), uvs, mesh.colors.len(), mesh.faces.len())
     };
     if counts(original) != counts(copy) || original.colors != copy.colors {
         return None;
@@ -310,8 +311,10 @@ fn copy_of(original: &SourceMesh, copy: &SourceMesh, tolerance: f64) -> Option<D
     if !same && !faces().all(|(&a, &b)| canonical(reversed(a)) == canonical(b)) {
         return None;
     }
-    let uvs = original.uvs.iter().flatten().zip(copy.uvs.iter().flatten());
-    if !uvs.into_iter().all(|(a, b)| (a - b).abs() <= UV_DISTANCE) {
+    let near = |a: &[[f32; 2]], b: &[[f32; 2]]| {
+        a.iter().flatten().zip(b.iter().flatten()).all(|(a, b)| (a - b).abs() <= UV_DISTANCE)
+    };
+    if !near(&original.uvs, &copy.uvs) || !near(&original.second_uvs, &copy.second_uvs) {
         return None;
     }
     let (from, to) = (&original.positions, &copy.positions);

@@ -1,4 +1,4 @@
-//! The images of one material's maps, and the texture coordinates and wrap mode that all of them share.
+//! The images of one material's maps, by which of two sets of texture coordinates each is laid, and their wrap modes.
 
 use gltf::json;
 use gltf::json::extensions::texture::TextureTransform;
@@ -46,14 +46,25 @@ pub(super) struct Texture {
     pub(super) transform: Option<TextureTransform>,
 }
 
-/// Lookup of the first map that is found, which all other maps of the material must share: a mesh has one set of texture
-/// coordinates, with the transformation applied.
-#[derive(Clone, Copy)]
-struct SharedLookup {
-    what: &'static str,
-    uv_set: u32,
-    transform: UvTransform,
-    wrap: [Wrap; 2],
+/// How maps are looked up: by a TEXCOORD_n set with a transformation. A mesh has two such lookups, with the transformation
+/// applied.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Lookup {
+    /// Number of the TEXCOORD_n set.
+    pub(super) uv_set: u32,
+    pub(super) transform: UvTransform,
+}
+
+impl Default for Lookup {
+    fn default() -> Self {
+        Self { uv_set: 0, transform: UvTransform::IDENTITY }
+    }
+}
+
+/// An image, and whether it is laid by the second set of texture coordinates.
+pub(super) struct Laid {
+    pub(super) image: ImageSource,
+    pub(super) second: bool,
 }
 
 /// The maps of one material; missing ones become warnings.
@@ -62,7 +73,10 @@ pub(super) struct Maps<'a, 'b> {
     buffers: &'a mut Buffers<'b>,
     warnings: &'a mut Vec<String>,
     material: String,
-    shared: Option<SharedLookup>,
+    /// Lookups of the maps so far, each with the first map that has it.
+    lookups: [Option<(&'static str, Lookup)>; 2],
+    /// Wrap modes of the first map, with its name.
+    wrap: Option<(&'static str, [Wrap; 2])>,
 }
 
 impl<'a, 'b> Maps<'a, 'b> {
@@ -72,17 +86,17 @@ impl<'a, 'b> Maps<'a, 'b> {
         warnings: &'a mut Vec<String>,
         material: String,
     ) -> Self {
-        Self { document, buffers, warnings, material, shared: None }
+        Self { document, buffers, warnings, material, lookups: [None; 2], wrap: None }
     }
 
-    /// Number of the TEXCOORD_n set, and its transformation.
-    pub(super) fn lookup(&self) -> (u32, UvTransform) {
-        self.shared.map_or((0, UvTransform::IDENTITY), |shared| (shared.uv_set, shared.transform))
+    /// The lookups by the first and the second set of texture coordinates.
+    pub(super) fn lookups(&self) -> [Option<Lookup>; 2] {
+        self.lookups.map(|known| known.map(|(_, lookup)| lookup))
     }
 
     /// Wrap modes of the maps.
     pub(super) fn wrap(&self) -> [Wrap; 2] {
-        self.shared.map_or([Wrap::Repeat; 2], |shared| shared.wrap)
+        self.wrap.map_or([Wrap::Repeat; 2], |(_, wrap)| wrap)
     }
 
     pub(super) fn warn(&mut self, what: &str) {
@@ -104,8 +118,9 @@ impl<'a, 'b> Maps<'a, 'b> {
         Texture { index, uv_set, transform }
     }
 
-    /// The image of a map, which messages call `what`. The first image that is found sets the lookup of all maps.
-    pub(super) fn image(&mut self, what: &'static str, texture: Option<Texture>) -> Option<ImageSource> {
+    /// The image of a map, which messages call `what`. The first image that is found sets the first lookup, the first one
+    /// with another lookup the second.
+    pub(super) fn image(&mut self, what: &'static str, texture: Option<Texture>) -> Option<Laid> {
         let texture = texture?;
         let uv_set = texture.transform.as_ref().and_then(|t| t.tex_coord).unwrap_or(texture.uv_set);
         let transform = match texture.transform.as_ref().map(UvTransform::new) {
@@ -116,15 +131,16 @@ impl<'a, 'b> Maps<'a, 'b> {
             Some(Some(transform)) => transform,
             None => UvTransform::IDENTITY,
         };
-        if let Some(shared) = self.shared
-            && (shared.uv_set, shared.transform) != (uv_set, transform)
-        {
+        let lookup = Lookup { uv_set, transform };
+        let place = self.lookups.iter().position(|known| known.is_none_or(|(_, known)| known == lookup));
+        let Some(place) = place else {
+            let [first, second] = self.lookups.map(|known| known.map_or("", |(what, _)| what));
             self.warn(&format!(
-                "its {what} has other texture coordinates than its {}, and is left out; give both the same",
-                shared.what
+                "its {what} has other texture coordinates than its {first} and its {second}, and is left out; use at most \
+                 two kinds"
             ));
             return None;
-        }
+        };
         let image = match find_image(self.document, texture.index, self.buffers) {
             Ok(image) => image,
             Err(why) => {
@@ -133,17 +149,15 @@ impl<'a, 'b> Maps<'a, 'b> {
             }
         };
         let wrap = wrap(self.document, texture.index);
-        match self.shared {
-            Some(shared) if shared.wrap != wrap => {
-                self.warn(&format!(
-                    "its {what} wraps differently from its {}, whose wrap mode is used",
-                    shared.what
-                ));
+        match self.wrap {
+            Some((other, known)) if known != wrap => {
+                self.warn(&format!("its {what} wraps differently from its {other}, whose wrap mode is used"));
             }
             Some(_) => {}
-            None => self.shared = Some(SharedLookup { what, uv_set, transform, wrap }),
+            None => self.wrap = Some((what, wrap)),
         }
-        Some(image)
+        self.lookups[place].get_or_insert((what, lookup));
+        Some(Laid { image, second: place == 1 })
     }
 }
 

@@ -8,25 +8,17 @@ use lodestream_scene::asset::{Alpha, MAX_EMISSION, MAX_NORMAL_SCALE, Material};
 
 use super::accessor::Buffers;
 use super::container::Document;
-use super::maps::{Maps, Texture, UvTransform};
+use super::maps::{Laid, Lookup, Maps, Texture};
 use super::specular::{clear_coat, specular};
 use crate::error::ImportError;
-use crate::model::{Channel, Component, ImportedMaterial, MaterialMaps};
+use crate::model::{Channel, Component, ImageSource, ImportedMaterial, MaterialMaps};
 
 /// A material and the texture coordinates of its maps.
 #[derive(Clone, Debug)]
 pub(super) struct Converted {
     pub(super) imported: ImportedMaterial,
-    /// Number of the TEXCOORD_n set.
-    pub(super) uv_set: u32,
-    pub(super) uv_transform: UvTransform,
-}
-
-impl Converted {
-    /// Whether the material has any map.
-    pub(super) fn has_maps(&self) -> bool {
-        self.imported.maps.images().next().is_some()
-    }
+    /// Lookups by the first and the second set of texture coordinates; the second only if a map needs it.
+    pub(super) lookups: [Option<Lookup>; 2],
 }
 
 /// Converts the material `index` of the file; `None` is glTF's default material.
@@ -43,7 +35,7 @@ pub(super) fn convert(
     let ImportedMaterial { material, maps: images, .. } = &mut imported;
     (material.base_color, material.roughness, material.metallic) = ([1.0; 4], 1.0, 1.0);
     let Some(index) = index else {
-        return Ok(Converted { imported, uv_set: 0, uv_transform: UvTransform::IDENTITY });
+        return Ok(Converted { imported, lookups: [None; 2] });
     };
     let Some(source) = document.root.materials.get(index) else {
         return Err(document.error(format!("materials[{index}] does not exist")));
@@ -67,8 +59,12 @@ pub(super) fn convert(
     }
     alpha(source, material, &mut maps);
     material.wrap = maps.wrap();
-    let (uv_set, uv_transform) = maps.lookup();
-    Ok(Converted { imported, uv_set, uv_transform })
+    Ok(Converted { lookups: maps.lookups(), imported })
+}
+
+/// An image, and whether it is laid by the second set of texture coordinates.
+fn laid(map: Option<Laid>) -> (Option<ImageSource>, bool) {
+    map.map_or((None, false), |Laid { image, second }| (Some(image), second))
 }
 
 /// Clamps a number to 0..=1; NaN becomes 1, the default of all factors.
@@ -95,12 +91,14 @@ fn metallic_roughness(
     material.base_color = pbr.base_color_factor.0.map(unit);
     material.roughness = unit(pbr.roughness_factor.0);
     material.metallic = unit(pbr.metallic_factor.0);
-    images.color = maps.image("base colour texture", pbr.base_color_texture.as_ref().map(Texture::from));
+    let color = maps.image("base colour texture", pbr.base_color_texture.as_ref().map(Texture::from));
+    (images.color, material.second_uv.color) = laid(color);
     if material.unlit {
         return;
     }
     let texture = pbr.metallic_roughness_texture.as_ref().map(Texture::from);
-    if let Some(image) = maps.image("metallic-roughness texture", texture) {
+    if let Some(Laid { image, second }) = maps.image("metallic-roughness texture", texture) {
+        material.second_uv.surface = second;
         images.surface.roughness = Some(Channel::plain(image.clone(), Component::Green));
         images.surface.metallic = Some(Channel::plain(image, Component::Blue));
     } else if pbr.metallic_roughness_texture.is_some() {
@@ -120,7 +118,8 @@ fn specular_glossiness(
     let [r, g, b, opacity] = glossy.diffuse_factor.0.map(unit);
     material.base_color = [r, g, b, opacity];
     material.metallic = 0.0;
-    images.color = maps.image("diffuse texture", glossy.diffuse_texture.as_ref().map(Texture::from));
+    let color = maps.image("diffuse texture", glossy.diffuse_texture.as_ref().map(Texture::from));
+    (images.color, material.second_uv.color) = laid(color);
     let specular = glossy.specular_factor.0.map(unit);
     let is_black = [r, g, b] == [0.0; 3];
     if glossy.diffuse_texture.is_none() && (is_black || glossy.specular_glossiness_texture.is_none()) {
@@ -130,7 +129,8 @@ fn specular_glossiness(
     let gloss = unit(glossy.glossiness_factor.0);
     material.roughness = 1.0 - gloss;
     let texture = glossy.specular_glossiness_texture.as_ref().map(Texture::from);
-    if let Some(image) = maps.image("specular-glossiness texture", texture) {
+    if let Some(Laid { image, second }) = maps.image("specular-glossiness texture", texture) {
+        material.second_uv.surface = second;
         // Roughness is 1 − factor × texel: the factor is the channel's.
         let strength = (gloss * f32::from(u16::MAX)).round() as u16;
         let channel = Channel { image, component: Component::Alpha, inverted: true, strength };
@@ -173,7 +173,7 @@ fn normal_occlusion_emission(
         if normal.scale >= 0.0 {
             let others = normal.extensions.as_ref().map(|e| &e.others);
             let texture = maps.texture_with_extensions(normal.index.value(), normal.tex_coord, others);
-            images.normal = maps.image("normal texture", Some(texture));
+            (images.normal, material.second_uv.normal) = laid(maps.image("normal texture", Some(texture)));
             material.normal_scale = normal.scale.min(MAX_NORMAL_SCALE);
         } else {
             maps.warn("its normal texture has a scale below zero and is left out");
@@ -184,11 +184,16 @@ fn normal_occlusion_emission(
         let others = occlusion.extensions.as_ref().map(|e| &e.others);
         let texture = maps.texture_with_extensions(occlusion.index.value(), occlusion.tex_coord, others);
         if strength > 0.0
-            && let Some(image) = maps.image("occlusion texture", Some(texture))
+            && let Some(Laid { image, second }) = maps.image("occlusion texture", Some(texture))
         {
             let strength = (strength * f32::from(u16::MAX)).round() as u16;
             let channel = Channel { strength, ..Channel::plain(image, Component::Red) };
-            images.surface.occlusion = Some(channel);
+            if images.surface.is_empty() {
+                material.second_uv.surface = second;
+            }
+            // Roughness and metal may be laid otherwise.
+            let same = material.second_uv.surface == second;
+            *(if same { &mut images.surface.occlusion } else { &mut images.occlusion }) = Some(channel);
         }
     }
     let strength = source.extensions.as_ref().and_then(|e| e.emissive_strength.as_ref());
@@ -198,7 +203,8 @@ fn normal_occlusion_emission(
         source.emissive_factor.0.map(|x| if x.is_nan() { 0.0 } else { x.clamp(0.0, 1.0) * strength });
     // A factor of zero makes the texture invisible.
     if material.emission != [0.0; 3] {
-        images.emission = maps.image("emissive texture", source.emissive_texture.as_ref().map(Texture::from));
+        let emission = maps.image("emissive texture", source.emissive_texture.as_ref().map(Texture::from));
+        (images.emission, material.second_uv.emission) = laid(emission);
         if source.emissive_texture.is_some() && images.emission.is_none() {
             material.emission = [0.0; 3];
         }

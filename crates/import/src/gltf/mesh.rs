@@ -12,6 +12,7 @@ use super::accessor::{Buffers, Elements};
 use super::container::Document;
 use super::draco::{Compressed, Streams};
 use super::ignored::Ignored;
+use super::maps::{Lookup, UvTransform};
 use super::material::{Converted, convert};
 use super::posed::{Posed, SETS};
 use super::root::{Pose, Primitive};
@@ -46,7 +47,8 @@ pub(super) struct Builder<'a> {
 struct Attributes {
     positions: Elements,
     normals: Option<Elements>,
-    uvs: Option<Elements>,
+    /// Texture coordinates by number of their TEXCOORD_n set: those that the material's maps use.
+    uvs: Vec<(u32, Elements)>,
     colors: Option<Elements>,
     pose: Posed,
 }
@@ -149,9 +151,7 @@ impl<'a> Builder<'a> {
         let mode = if compressed.is_some() { Mode::Triangles } else { mode };
         let attributes = self.attributes((primitive, pose), compressed.as_ref(), place, material)?;
         let Some(attributes) = attributes else { return Ok(()) };
-        if attributes.uvs.is_none() {
-            self.warn_of_missing_uvs(material, place);
-        }
+        self.warn_of_missing_uvs(material, &attributes, place);
         let indices = self.indices(primitive, compressed.as_ref(), place, attributes.positions.len())?;
         let faces = match mode {
             Mode::Triangles => indices.len() / 3,
@@ -185,15 +185,17 @@ impl<'a> Builder<'a> {
         Ok(())
     }
 
-    /// Warns, once for each material, that a primitive has no texture coordinates for the material's maps.
-    fn warn_of_missing_uvs(&mut self, material: u16, place: &str) {
+    /// Warns, once for each material, that a primitive lacks texture coordinates of the material's maps.
+    fn warn_of_missing_uvs(&mut self, material: u16, attributes: &Attributes, place: &str) {
         let converted = &self.materials[usize::from(material)];
-        if converted.has_maps() && self.without_uvs.insert(material) {
+        let missing = |lookup: &Lookup| !attributes.uvs.iter().any(|(set, _)| *set == lookup.uv_set);
+        let Some(lookup) = converted.lookups.into_iter().flatten().find(missing) else { return };
+        if self.without_uvs.insert(material) {
             self.warnings.push(format!(
                 "{}: {place} has no TEXCOORD_{}, which the maps of its material {:?} are laid by: each shows one of its \
                  texels all over; export the mesh with texture coordinates",
                 self.document.path.display(),
-                converted.uv_set,
+                lookup.uv_set,
                 converted.imported.material.name
             ));
         }
@@ -227,9 +229,10 @@ impl<'a> Builder<'a> {
         material: u16,
     ) -> Result<Option<Attributes>, ImportError> {
         let document = self.document;
-        let uv_set = self.materials[usize::from(material)].uv_set;
+        let [first, second] = self.materials[usize::from(material)].lookups;
+        let sets_of_uvs = [Some(first.unwrap_or_default().uv_set), second.map(|lookup| lookup.uv_set)];
         let mut positions = None;
-        let (mut normals, mut uvs, mut colors) = (None, None, None);
+        let (mut normals, mut uvs, mut colors) = (None, Vec::new(), None);
         let mut influences: [[Option<Elements>; 2]; SETS] = Default::default();
         let sets = if pose.skin.is_some() { SETS } else { 0 };
         for (semantic, accessor) in &primitive.attributes {
@@ -250,7 +253,9 @@ impl<'a> Builder<'a> {
             match semantic {
                 Semantic::Positions => positions = Some(open(&[Type::Vec3])?),
                 Semantic::Normals => normals = Some(open(&[Type::Vec3])?),
-                Semantic::TexCoords(set) if *set == uv_set => uvs = Some(open(&[Type::Vec2])?),
+                Semantic::TexCoords(set) if sets_of_uvs.contains(&Some(*set)) => {
+                    uvs.push((*set, open(&[Type::Vec2])?));
+                }
                 Semantic::Colors(0) => colors = Some(open(&[Type::Vec3, Type::Vec4])?),
                 Semantic::Joints(set) | Semantic::Weights(set) if (*set as usize) < sets => {
                     let kind = usize::from(matches!(semantic, Semantic::Weights(_)));
@@ -264,8 +269,10 @@ impl<'a> Builder<'a> {
             self.ignored.note("primitives without POSITION");
             return Ok(None);
         };
-        for (name, elements) in [("NORMAL", &normals), ("TEXCOORD", &uvs), ("COLOR_0", &colors)] {
-            if elements.as_ref().is_some_and(|e| e.len() < positions.len()) {
+        let others = [("NORMAL", normals.as_ref()), ("COLOR_0", colors.as_ref())];
+        let uv_sets = uvs.iter().map(|(_, elements)| ("TEXCOORD", Some(elements)));
+        for (name, elements) in others.into_iter().chain(uv_sets) {
+            if elements.is_some_and(|e| e.len() < positions.len()) {
                 return Err(self
                     .document
                     .error(format!("{place}.attributes.{name} has fewer elements than POSITION")));
@@ -337,7 +344,12 @@ impl<'a> Builder<'a> {
         let [x, y, z] = [linear.x_axis, linear.y_axis, linear.z_axis];
         let cofactors = DMat3::from_cols(y.cross(z), z.cross(x), x.cross(y));
         let outwards = if linear.determinant() < 0.0 { -1.0 } else { 1.0 };
-        let uv_transform = self.materials[usize::from(material)].uv_transform;
+        let [first, second] = self.materials[usize::from(material)].lookups;
+        let laid = |lookup: Lookup| {
+            let elements = attributes.uvs.iter().find(|(set, _)| *set == lookup.uv_set);
+            elements.map(|(_, elements)| (elements, lookup.transform))
+        };
+        let (first, second) = (laid(first.unwrap_or_default()), second.and_then(laid));
         let mesh = &mut self.mesh;
         let mut corners = Vec::with_capacity(used.len());
         for &index in used {
@@ -358,13 +370,17 @@ impl<'a> Builder<'a> {
                     mesh.normals.push(normal.as_vec3().to_array());
                 }
             }
-            if let Some(uvs) = &attributes.uvs {
+            let uv = |(elements, transform): (&Elements, UvTransform)| {
+                let uv = transform.apply(elements.get(index));
+                if uv.iter().all(|x| x.is_finite()) { Ok(uv) } else { Err(error("TEXCOORD", index)) }
+            };
+            if let Some(first) = first {
                 corner.uv = mesh.uvs.len() as u32;
-                let uv = uv_transform.apply(uvs.get(index));
-                if !uv.iter().all(|x| x.is_finite()) {
-                    return Err(error("TEXCOORD", index));
-                }
-                mesh.uvs.push(uv);
+                mesh.uvs.push(uv(first)?);
+            }
+            if let Some(second) = second {
+                corner.second_uv = mesh.second_uvs.len() as u32;
+                mesh.second_uvs.push(uv(second)?);
             }
             if let Some(colors) = &attributes.colors {
                 corner.color = mesh.colors.len() as u32;

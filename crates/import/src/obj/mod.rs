@@ -205,6 +205,7 @@ fn build(parsed: &Parsed, tiles: &Tiles<'_>) -> (SourceMesh, ShadingRuns) {
                 uv: if has_uv { weld.uv(shifted(parsed.uvs[uv])) } else { NONE },
                 normal: if has_normal { weld.normal(parsed.normals[normal]) } else { NONE },
                 color: color.map_or(NONE, |color| weld.color(color)),
+                second_uv: NONE,
             });
         }
         for triangle in triangulate(&points) {

@@ -213,7 +213,8 @@ impl Images<'_> {
             out.material.name.push_str(&format!(".{}", tile.number()));
             out.material.wrap = [Wrap::Clamp; 2];
         }
-        let MaterialMaps { color, opacity, surface, normal, emission, height } = &mut out.maps;
+        // MTL has no occlusion.
+        let MaterialMaps { color, opacity, surface, occlusion: _, normal, emission, height } = &mut out.maps;
         let mut image = |image: ImageSource| self.image(image, tile);
         *color = color.take().and_then(&mut image);
         *normal = normal.take().and_then(&mut image);

@@ -295,6 +295,7 @@ impl MeshReader {
             uv: self.uvs.get(vertex).map_or(NONE, |uv| weld.uv(*uv)),
             normal: self.normals.get(vertex).map_or(NONE, |normal| weld.normal(normal.map(f64::from))),
             color: self.colors.get(vertex).map_or(NONE, |color| weld.color(*color)),
+            second_uv: NONE,
         };
         *known = Some(corner);
         Some(corner)

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use lodestream_geometry::mesh::{Corner, NONE};
+use lodestream_geometry::mesh::Corner;
 
 use crate::error::ImportError;
 use crate::model::ImportedMaterial;
@@ -33,8 +33,7 @@ impl<'a> Facets<'a> {
         if !corners.iter().flatten().all(|x| x.abs() <= f64::from(f32::MAX)) {
             return self.add_bad(what);
         }
-        let corner =
-            |place| Corner { position: self.weld.position(place), uv: NONE, normal: NONE, color: NONE };
+        let corner = |place| Corner::at(self.weld.position(place));
         let face = corners.map(corner);
         self.weld.mesh.faces.push(face);
         self.weld.mesh.materials.push(0);

@@ -41,7 +41,7 @@ macro_rules! relief_searches {
 macro_rules! text {
     ($found:literal, [$($vertex:literal),+] $(, $more:literal)*) => {
         concat!(
-            wgsl!("common", "section", "targets", "anisotropic", "gbuffer", "tiled", "relief"),
+            wgsl!("common", "section", "targets", "anisotropic", "gbuffer", "attributes", "tiled", "relief"),
             relief_searches!(),
             wgsl!($found, "placement", $($vertex,)+ $($more),*)
         )
@@ -126,14 +126,14 @@ pub(crate) struct MeshPipelines {
     /// `None` where the device cannot draw triangles as lines.
     wire: OnceLock<Option<wgpu::RenderPipeline>>,
     caster: OnceLock<wgpu::RenderPipeline>,
-    /// Without and with tiled maps, as are `emission` and the last two of `overdraw`.
-    pierced_caster: [OnceLock<wgpu::RenderPipeline>; 2],
+    /// By [`plain_variant`], as are `emission` and the last four of `overdraw`.
+    pierced_caster: [OnceLock<wgpu::RenderPipeline>; PLAIN_VARIANTS],
     motion: OnceLock<wgpu::RenderPipeline>,
     /// Without and with maps or relief.
     specular: [OnceLock<wgpu::RenderPipeline>; 2],
-    emission: [OnceLock<wgpu::RenderPipeline>; 2],
+    emission: [OnceLock<wgpu::RenderPipeline>; PLAIN_VARIANTS],
     /// Opaque, transparent and alpha-tested.
-    overdraw: [OnceLock<wgpu::RenderPipeline>; 4],
+    overdraw: [OnceLock<wgpu::RenderPipeline>; 2 + PLAIN_VARIANTS],
 }
 
 static BUFFERS: [Option<wgpu::VertexBufferLayout<'_>>; 3] = [
@@ -156,16 +156,22 @@ static BUFFERS: [Option<wgpu::VertexBufferLayout<'_>>; 3] = [
 ];
 
 /// Variants of a shader besides relief.
-const VARIANTS: usize = 8;
+const VARIANTS: usize = 16;
+/// The same of shaders that look only at colour or emission.
+const PLAIN_VARIANTS: usize = 4;
 
 /// Number of a material's variant.
 fn variant(of: Features) -> usize {
-    usize::from(of.maps) | usize::from(of.mask) << 1 | usize::from(of.tiled) << 2
+    usize::from(of.maps) | usize::from(of.mask) << 1 | plain_variant(of) << 2
 }
 
-/// Override constant of shaders that look only at tiles.
-fn tiled(of: Features) -> [(&'static str, f64); 1] {
-    [("TILED", f64::from(u8::from(of.tiled)))]
+fn plain_variant(of: Features) -> usize {
+    usize::from(of.tiled) | usize::from(of.second_uv) << 1
+}
+
+/// Override constants of shaders that look only at colour or emission.
+fn plain_constants(of: Features) -> [(&'static str, f64); 2] {
+    [("TILED", of.tiled), ("SECOND_UV", of.second_uv)].map(|(name, on)| (name, f64::from(u8::from(on))))
 }
 
 impl MeshPipelines {
@@ -227,8 +233,8 @@ impl MeshPipelines {
     }
 
     /// Override constants of a variant.
-    fn constants(&self, relief: bool, of: Features) -> [(&'static str, f64); 7] {
-        let Features { maps, mask, tiled, specular, transmits, .. } = of;
+    fn constants(&self, relief: bool, of: Features) -> [(&'static str, f64); 8] {
+        let Features { maps, mask, tiled, specular, transmits, second_uv, .. } = of;
         [
             ("RELIEF", relief),
             ("MAPS", maps),
@@ -236,6 +242,7 @@ impl MeshPipelines {
             ("TILED", tiled),
             ("SPECULAR", specular),
             ("TRANSMITS", transmits),
+            ("SECOND_UV", second_uv),
             ("SECTIONS", self.cut),
         ]
         .map(|(name, on)| (name, f64::from(u8::from(on))))
@@ -288,7 +295,7 @@ impl MeshPipelines {
             self.transparent(gpu, material, false);
             return;
         }
-        if material.maps || material.mask || material.tiled {
+        if material.maps || material.mask || material.tiled || material.second_uv {
             self.surface(gpu, material, true);
         }
         if material.mask {
@@ -351,8 +358,10 @@ impl MeshPipelines {
 
     /// Alpha-tested shadow casters; needs group 1.
     pub(crate) fn pierced_caster(&self, gpu: &Gpu, material: Features) -> &wgpu::RenderPipeline {
-        self.pierced_caster[usize::from(material.tiled)].get_or_init(|| match self.cut {
-            false => self.pass(gpu).pierced_caster(gpu, ["vs_pierced", "fs_pierced"], &tiled(material)),
+        self.pierced_caster[plain_variant(material)].get_or_init(|| match self.cut {
+            false => {
+                self.pass(gpu).pierced_caster(gpu, ["vs_pierced", "fs_pierced"], &plain_constants(material))
+            }
             true => self.cut_caster(gpu, material),
         })
     }
@@ -378,8 +387,9 @@ impl MeshPipelines {
 
     /// Emission, added to the lit picture.
     pub(crate) fn emission(&self, gpu: &Gpu, material: Features) -> &wgpu::RenderPipeline {
-        self.emission[usize::from(material.tiled)]
-            .get_or_init(|| self.pass(gpu).emission(gpu, ["vs_surface", "fs_emission"], &tiled(material)))
+        self.emission[plain_variant(material)].get_or_init(|| {
+            self.pass(gpu).emission(gpu, ["vs_surface", "fs_emission"], &plain_constants(material))
+        })
     }
 
     fn lit(&self, gpu: &Gpu, punctual_lights: bool) -> &ForwardPipelines {
@@ -426,7 +436,7 @@ impl MeshPipelines {
         if self.cut {
             let (number, write) = match material {
                 Features { blend: true, .. } => (1, false),
-                Features { mask: true, tiled, .. } => (2 + usize::from(tiled), true),
+                Features { mask: true, .. } => (2 + plain_variant(material), true),
                 _ => (0, true),
             };
             let entry = ["vs_surface", "fs_cut_overdraw"];
@@ -437,10 +447,9 @@ impl MeshPipelines {
             Features { blend: true, .. } => {
                 self.overdraw[1].get_or_init(|| pass.transparent_overdraw(gpu, "vs_caster"))
             }
-            Features { mask: true, tiled: by_tiles, .. } => self.overdraw[2 + usize::from(by_tiles)]
-                .get_or_init(|| {
-                    pass.pierced_overdraw(gpu, ["vs_pierced", "fs_pierced_overdraw"], &tiled(material))
-                }),
+            Features { mask: true, .. } => self.overdraw[2 + plain_variant(material)].get_or_init(|| {
+                pass.pierced_overdraw(gpu, ["vs_pierced", "fs_pierced_overdraw"], &plain_constants(material))
+            }),
             _ => self.overdraw[0].get_or_init(|| pass.overdraw(gpu, "vs_caster")),
         }
     }

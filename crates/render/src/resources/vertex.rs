@@ -5,10 +5,10 @@ pub use lodestream_geometry::base::MAX_PARTS;
 
 const LEVEL_BITS: u32 = 8;
 const MAX_LEVEL: u32 = (1 << LEVEL_BITS) - 1;
-/// `SKINNED` of `mesh_vertex.wgsl`: the number is that of a skin, and the part the first.
-const SKINNED: u32 = 1 << 31;
-/// Most skins of an asset's vertices.
-pub(crate) const MAX_SKINS: u32 = 1 << 23;
+/// `NUMBERED` of `attributes.wgsl`: the number is that of attributes beside the vertex.
+const NUMBERED: u32 = 1 << 31;
+/// Most such numbers of an asset's vertices.
+pub(crate) const MAX_NUMBERED: u32 = 1 << 23;
 
 /// One wedge of an asset, ready for the GPU.
 ///
@@ -23,8 +23,8 @@ pub struct PackedVertex {
     pub birth_s: f32,
     /// Position from which the vertex morphs after its birth; equal to `position` if it does not move.
     pub morph_from: [f32; 3],
-    /// Part that the vertex belongs to or, with the highest bit, number of its skin, shifted by 8 bits, and the level of
-    /// refinement that brought it; see [`PackedVertex::of_part`] and [`PackedVertex::at_level`].
+    /// Part that the vertex belongs to or, with the highest bit, number of attributes that are not here, shifted by 8 bits,
+    /// and the level of refinement that brought it; see [`PackedVertex::of_part`] and [`PackedVertex::at_level`].
     pub part_and_level: u32,
     /// Texture coordinates, `v` up as in OBJ.
     pub uv: [f32; 2],
@@ -76,11 +76,11 @@ impl PackedVertex {
         Self { part_and_level: self.level() | part.min(MAX_PARTS - 1) << LEVEL_BITS, ..self }
     }
 
-    /// The same vertex, in the first part, with a skin.
+    /// The same vertex with the number of attributes that are not here, among them its part.
     #[must_use]
-    pub(crate) fn of_skin(self, number: u32) -> Self {
-        let number = number.min(MAX_SKINS - 1);
-        Self { part_and_level: self.level() | number << LEVEL_BITS | SKINNED, ..self }
+    pub(crate) fn numbered(self, number: u32) -> Self {
+        let number = number.min(MAX_NUMBERED - 1);
+        Self { part_and_level: self.level() | number << LEVEL_BITS | NUMBERED, ..self }
     }
 
     /// Level of refinement that brought the vertex.
@@ -89,10 +89,10 @@ impl PackedVertex {
         self.part_and_level & MAX_LEVEL
     }
 
-    /// Part that the vertex belongs to.
+    /// Part that the vertex belongs to, unless it has a number of attributes.
     #[must_use]
     pub const fn part(&self) -> u32 {
-        if self.part_and_level & SKINNED == 0 { self.part_and_level >> LEVEL_BITS } else { 0 }
+        if self.part_and_level & NUMBERED == 0 { self.part_and_level >> LEVEL_BITS } else { 0 }
     }
 }
 
@@ -154,9 +154,9 @@ mod tests {
         let vertex = vertex.of_part(3);
         assert_eq!((vertex.level(), vertex.part()), (7, 3));
         assert_eq!(vertex.of_part(u32::MAX).part(), MAX_PARTS - 1);
-        let skinned = vertex.of_skin(MAX_SKINS - 1);
-        assert_eq!((skinned.level(), skinned.part(), skinned.part_and_level), (7, 0, 0xffff_ff07));
-        assert_eq!(skinned.of_part(3), vertex);
+        let numbered = vertex.numbered(MAX_NUMBERED - 1);
+        assert_eq!((numbered.level(), numbered.part(), numbered.part_and_level), (7, 0, 0xffff_ff07));
+        assert_eq!(numbered.of_part(3), vertex);
     }
 
     #[test]

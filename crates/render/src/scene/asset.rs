@@ -6,8 +6,6 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use glam::{DVec3, Vec3};
-#[cfg(feature = "client")]
-use lodestream_geometry::mesh::skin::Skin;
 use lodestream_scene::asset::Material;
 use lodestream_scene::parts::PartTransform;
 
@@ -22,6 +20,8 @@ use crate::resources::uploads::Uploads;
 #[cfg(any(test, feature = "methods"))]
 use crate::resources::vertex::HostMesh;
 use crate::resources::vertex::PackedVertex;
+#[cfg(feature = "client")]
+use crate::scene::attribute_table::RareAttributes;
 use crate::scene::bound_material::{BoundMaterial, Features};
 use crate::scene::index_set::IndexSet;
 use crate::scene::material_bindings::MaterialBindings;
@@ -233,22 +233,22 @@ impl AssetGpu {
         Ok(())
     }
 
-    /// Stages vertices, each with its skin, among other uploads; they take effect with [`AssetGpu::commit`].
+    /// Stages vertices, each with its other attributes, among other uploads; they take effect with [`AssetGpu::commit`].
     #[cfg(feature = "client")]
     pub(crate) fn stage_vertices(
         &mut self,
         gpu: &Gpu,
         uploads: &mut Uploads,
         first: usize,
-        vertices: impl ExactSizeIterator<Item = (PackedVertex, Skin)>,
+        vertices: impl ExactSizeIterator<Item = (PackedVertex, RareAttributes)>,
     ) -> Result<(), RenderError> {
-        let (reach, skins) = (&mut self.reach, &mut self.tables.skins);
-        let vertices = vertices.map(|(vertex, skin)| {
+        let (reach, table) = (&mut self.reach, &mut self.tables.attributes);
+        let vertices = vertices.map(|(vertex, attributes)| {
             reach.note(&vertex);
-            skins.number(skin).map_or(vertex, |number| vertex.of_skin(number))
+            table.number(attributes).map_or(vertex, |number| vertex.numbered(number))
         });
         self.vertices.stage(gpu, uploads, first as u64, vertices)?;
-        if self.tables.skins.write(gpu) {
+        if self.tables.attributes.write(gpu) {
             self.bind_again(gpu);
         }
         Ok(())

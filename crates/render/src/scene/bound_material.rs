@@ -34,8 +34,8 @@ pub(crate) struct MaterialKey {
     /// Samplers in u and v.
     pub(crate) wrap: [usize; 2],
     /// Textures with their finest levels in use.
-    pub(crate) textures: [Option<(wgpu::Texture, u32)>; 5],
-    /// Part states and skins.
+    pub(crate) textures: [Option<(wgpu::Texture, u32)>; 6],
+    /// Part states and attributes of vertices.
     pub(crate) tables: [Option<wgpu::Texture>; 2],
     pub(crate) features: Features,
     /// Whether the height map may have an acceleration texture.
@@ -123,8 +123,10 @@ impl BoundMaterial {
 pub(crate) struct Features {
     /// Height map.
     pub(crate) relief: bool,
-    /// Normal or surface map.
+    /// Normal, surface or occlusion map.
     pub(crate) maps: bool,
+    /// Maps that use the second set of texture coordinates, or an occlusion map.
+    pub(crate) second_uv: bool,
     /// Alpha test.
     pub(crate) mask: bool,
     /// Transparency.
@@ -149,9 +151,11 @@ impl Features {
 
     /// Features once all textures have arrived, if they are whole.
     pub(crate) fn of(material: &Material) -> Self {
+        let maps = [material.surface_texture, material.normal_texture, material.occlusion_texture];
         Self {
             relief: material.height_texture.is_some() && material.relief_depth > 0.0,
-            maps: material.surface_texture.is_some() || material.normal_texture.is_some(),
+            maps: maps.iter().any(Option::is_some),
+            second_uv: material.second_textures().next().is_some() || material.occlusion_texture.is_some(),
             mask: matches!(material.alpha, Alpha::Mask(_)),
             blend: material.alpha == Alpha::Blend,
             transmits: material.alpha == Alpha::Blend && !material.unlit && material.transmission > 0.0,

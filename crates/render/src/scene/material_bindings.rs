@@ -34,9 +34,10 @@ struct MaterialUniform {
     /// [`packed_coat`].
     coat: u32,
     transmission: f32,
-    padding: u32,
-    /// Tiled maps: colour, surface, normal and emission.
-    tiled: [TiledMap; 4],
+    /// A bit for each of `tiled` that uses the second set of texture coordinates.
+    second_uv: u32,
+    /// Tiled maps: colour, surface, normal, emission and occlusion.
+    tiled: [TiledMap; 5],
 }
 
 /// A clear coat as `specular_of` of `brdf.wgsl` reads it, without its normal. Narrower lobes than of 0.05 flicker.
@@ -46,16 +47,17 @@ pub(crate) fn packed_coat(coat: ClearCoat) -> u32 {
 }
 
 /// Textures of a material in binding order, with their kinds.
-const KINDS: [(u32, TextureKind); 5] = [
+const KINDS: [(u32, TextureKind); 6] = [
     (1, TextureKind::Color),
     (2, TextureKind::Height),
     (4, TextureKind::Surface),
     (5, TextureKind::Normal),
     (6, TextureKind::Color),
+    (9, TextureKind::Surface),
 ];
 const SAMPLER: u32 = 3;
 const PART_STATES: u32 = 7;
-const SKINS: u32 = 8;
+const ATTRIBUTES: u32 = 8;
 const WRAPS: [Wrap; 3] = [Wrap::Repeat, Wrap::Clamp, Wrap::Mirror];
 
 /// Shared by all materials: layout, samplers and placeholder textures.
@@ -75,7 +77,7 @@ pub(crate) struct MaterialBindings {
     straight: wgpu::TextureView,
     /// Placeholders of [`VertexTables`].
     no_states: wgpu::TextureView,
-    no_skins: wgpu::TextureView,
+    no_attributes: wgpu::TextureView,
     pub(crate) cache: MaterialCache,
     /// Tiles of all textures.
     pub(crate) tiles: TextureTiles,
@@ -139,7 +141,7 @@ impl MaterialBindings {
             entry(SAMPLER, wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Filtering)),
         ];
         entries.extend(KINDS.map(|(binding, _)| entry(binding, texture)));
-        entries.extend([PART_STATES, SKINS].map(|binding| wgpu::BindGroupLayoutEntry {
+        entries.extend([PART_STATES, ATTRIBUTES].map(|binding| wgpu::BindGroupLayoutEntry {
             binding,
             visibility: wgpu::ShaderStages::VERTEX,
             ty: wgpu::BindingType::Texture {
@@ -162,7 +164,7 @@ impl MaterialBindings {
             plain: texel(gpu, wgpu::TextureFormat::Rgba8Unorm, &[255; 4]),
             straight: texel(gpu, wgpu::TextureFormat::Rgba8Unorm, &[128, 128, 255, 255]),
             no_states: texel(gpu, wgpu::TextureFormat::R32Uint, &[0; 4]),
-            no_skins: texel(gpu, wgpu::TextureFormat::Rg32Uint, &[0; 8]),
+            no_attributes: texel(gpu, wgpu::TextureFormat::Rgba32Uint, &[0; 16]),
             cache: MaterialCache::default(),
             tiles: TextureTiles::new(gpu),
         }
@@ -182,6 +184,7 @@ impl MaterialBindings {
             material.surface_texture,
             material.normal_texture,
             material.emission_texture,
+            material.occlusion_texture,
         ];
         let mut at = 0;
         let found = named.map(|index| {
@@ -195,15 +198,17 @@ impl MaterialBindings {
             let missing = found[i].filter(|_| used[i].is_none());
             missing.map_or([1.0; 3], Texture::mean)
         };
-        let [colour, surface, given] = [stand_in(0), stand_in(2), stand_in(4)];
-        let [_, height, surfaces, normals, _] = used.each_ref().map(Option::is_some);
+        let [colour, surface, given, open] = [0, 2, 4, 5].map(stand_in);
+        let [_, height, surfaces, normals, _, occlusion] = used.each_ref().map(Option::is_some);
         let relief = height && material.relief_depth > 0.0;
         let wrap = material.wrap.map(|wrap| WRAPS.iter().position(|w| *w == wrap).unwrap_or(0));
         // Tiles stand beside whole levels: until the coarsest is there, the mean does.
-        let tiled = [0, 2, 3, 4].map(|i: usize| {
+        let tiled = [0, 2, 3, 4, 5].map(|i: usize| {
             let map = found[i].and_then(|texture| texture.tiled_map(&self.tiles));
             map.unwrap_or(TiledMap::zeroed())
         });
+        // It is of the other set than the surface map.
+        let second_occlusion = u32::from(!material.second_uv.surface);
         let [r, g, b, opacity] = material.base_color;
         let cutoff = if let Alpha::Mask(cutoff) = material.alpha { cutoff } else { 0.0 };
         let uniform = MaterialUniform {
@@ -212,7 +217,7 @@ impl MaterialBindings {
             normal_scale: material.normal_scale,
             roughness: material.roughness * surface[1],
             metallic: (material.metallic * surface[2]).clamp(0.0, 1.0),
-            occlusion: surface[0],
+            occlusion: surface[0] * open[0],
             cutoff,
             relief_depth: if relief { material.relief_depth.min(1.0) } else { 0.0 },
             unlit: u32::from(material.unlit),
@@ -221,7 +226,7 @@ impl MaterialBindings {
             specular: u32::from_le_bytes(material.specular.bytes()),
             coat: packed_coat(material.clear_coat),
             transmission: material.transmission.clamp(0.0, 1.0),
-            padding: 0,
+            second_uv: u32::from(material.second_uv.bits()) | second_occlusion << 4,
             tiled,
         };
         // Acceleration textures assume a repeating map.
@@ -230,10 +235,10 @@ impl MaterialBindings {
             uniform: bytemuck::bytes_of(&uniform).to_vec(),
             wrap,
             textures: used,
-            tables: [tables.states.texture(), tables.skins.texture()].map(Option::<&_>::cloned),
+            tables: [tables.states.texture(), tables.attributes.texture()].map(Option::<&_>::cloned),
             features: Features {
                 relief,
-                maps: surfaces || normals,
+                maps: surfaces || normals || occlusion,
                 tiled: tiled.iter().any(|map| *map != TiledMap::zeroed()),
                 ..Features::of(material)
             },
@@ -250,7 +255,7 @@ impl MaterialBindings {
         gpu: &Gpu,
         uniform: &MaterialUniform,
         [u, v]: [usize; 2],
-        views: &[Option<wgpu::TextureView>; 5],
+        views: &[Option<wgpu::TextureView>; 6],
         tables: &VertexTables,
     ) -> wgpu::BindGroup {
         let uniform = gpu.device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
@@ -258,7 +263,7 @@ impl MaterialBindings {
             contents: bytemuck::bytes_of(uniform),
             usage: wgpu::BufferUsages::UNIFORM,
         });
-        let stand_ins = [&self.white, &self.flat, &self.plain, &self.straight, &self.white];
+        let stand_ins = [&self.white, &self.flat, &self.plain, &self.straight, &self.white, &self.plain];
         let mut entries = vec![
             wgpu::BindGroupEntry { binding: 0, resource: uniform.as_entire_binding() },
             wgpu::BindGroupEntry {
@@ -274,8 +279,8 @@ impl MaterialBindings {
             texture.map_or_else(|| none.clone(), |texture| texture.create_view(&Default::default()))
         };
         let states = view(tables.states.texture(), &self.no_states);
-        let skins = view(tables.skins.texture(), &self.no_skins);
-        entries.extend([(PART_STATES, &states), (SKINS, &skins)].map(|(binding, view)| {
+        let attributes = view(tables.attributes.texture(), &self.no_attributes);
+        entries.extend([(PART_STATES, &states), (ATTRIBUTES, &attributes)].map(|(binding, view)| {
             wgpu::BindGroupEntry { binding, resource: wgpu::BindingResource::TextureView(view) }
         }));
         gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {

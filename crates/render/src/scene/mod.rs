@@ -3,6 +3,7 @@
 #[cfg(feature = "client")]
 pub(crate) mod animated_placements;
 pub(crate) mod asset;
+pub(crate) mod attribute_table;
 pub(crate) mod bound_material;
 #[cfg(feature = "client")]
 pub(crate) mod drawn_placements;
@@ -27,7 +28,6 @@ pub(crate) mod scene_parts;
 #[cfg(feature = "client")]
 pub(crate) mod scene_view;
 #[cfg(feature = "client")]
-pub(crate) mod skin_table;
 pub(crate) mod streamed_mesh;
 pub(crate) mod terrain;
 #[cfg(feature = "client")]

@@ -9,6 +9,7 @@ use crate::resources::gpu::{Gpu, RenderError};
 use crate::resources::uploads::Uploads;
 use crate::resources::vertex::PackedVertex;
 use crate::scene::asset::AssetGpu;
+use crate::scene::attribute_table::RareAttributes;
 
 /// Largest piece of a run staged at once.
 const PIECE_BYTES: usize = 128 << 10;
@@ -57,8 +58,7 @@ impl StreamedMeshChange {
             bytes += match &mut self.run {
                 Run::Vertices(first, left) => {
                     let count = (room / size_of::<Vertex>()).clamp(1, left.len());
-                    let vertices =
-                        left.by_ref().take(count).map(|vertex| (packed(&vertex), vertex.data.skin));
+                    let vertices = left.by_ref().take(count).map(|vertex| (packed(&vertex), rare(&vertex)));
                     asset.stage_vertices(gpu, uploads, *first as usize, vertices)?;
                     *first += count as u32;
                     count * size_of::<Vertex>()
@@ -104,4 +104,8 @@ fn packed(v: &Vertex) -> PackedVertex {
         .at_level(v.level)
         .of_part(v.data.part);
     if v.data.smooth { vertex.smooth() } else { vertex }
+}
+
+fn rare(v: &Vertex) -> RareAttributes {
+    RareAttributes { skin: v.data.skin, second_uv: v.data.second_uv, part: v.data.part }
 }

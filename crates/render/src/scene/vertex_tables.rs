@@ -1,11 +1,11 @@
 //! What vertex stages look up of an asset besides its vertices.
 
+use crate::scene::attribute_table::AttributeTable;
 use crate::scene::part_table::PartTable;
-use crate::scene::skin_table::SkinTable;
 
-/// States of its parts, and skins of its vertices.
+/// States of its parts, and attributes of some vertices.
 #[derive(Debug, Default)]
 pub(crate) struct VertexTables {
     pub(crate) states: PartTable,
-    pub(crate) skins: SkinTable,
+    pub(crate) attributes: AttributeTable,
 }

@@ -45,7 +45,7 @@ fn fs_transparent(s: Surface, @builtin(front_facing) front: bool) -> @location(0
     if (cosine > 0.0) {
         sun = frame.sun.rgb * sunlight_at(s.position, surface.normal, cosine).x;
     }
-    let texel = emitted(s.uv);
+    let texel = emitted(uv_for(EMISSION, s.uv, s.second_uv));
     let given = select(vec3(0.0), material.emission * texel, (frame.flags & 2u) != 0u);
     let punctual_lights = from_punctual_lights(r, s.position, vec2<u32>(s.clip.xy), view_depth(s.clip.z));
     let seen = min(lit(r, sun) + punctual_lights + given, vec3(MAX_RADIANCE));

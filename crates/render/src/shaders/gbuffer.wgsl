@@ -1,13 +1,15 @@
 // Writes the G-buffer: depth, world normal, roughness, occlusion, albedo and metalness.
 
 // Compiled in only for materials with a height map, a normal or surface map, alpha test, maps with tiled levels,
-// specular reflection of their own or transmission, and with section planes.
+// specular reflection of their own, transmission or maps that use the second set of texture coordinates, and with section
+// planes.
 override RELIEF: bool = false;
 override MAPS: bool = false;
 override MASK: bool = false;
 override TILED: bool = false;
 override SPECULAR: bool = false;
 override TRANSMITS: bool = false;
+override SECOND_UV: bool = false;
 override SECTIONS: bool = false;
 
 // A map with tiled levels (tiled.wgsl).
@@ -33,13 +35,15 @@ struct Material {
     specular: u32, // see specular_of() in brdf.wgsl
     coat: u32, // without its normal
     transmission: f32,
-    tiled: array<TiledMap, 4>, // colour, surface, normal, emission
+    second_uv: u32, // a bit for each of `tiled` that uses the second set of texture coordinates
+    tiled: array<TiledMap, 5>, // colour, surface, normal, emission, occlusion
 }
 
 const COLOUR: u32 = 0u;
 const SURFACE: u32 = 1u;
 const NORMAL: u32 = 2u;
 const EMISSION: u32 = 3u;
+const OCCLUSION: u32 = 4u;
 
 @group(1) @binding(0) var<uniform> material: Material;
 @group(1) @binding(1) var colour_map: texture_2d<f32>;
@@ -48,6 +52,7 @@ const EMISSION: u32 = 3u;
 @group(1) @binding(4) var surface_map: texture_2d<f32>; // occlusion, roughness, metal
 @group(1) @binding(5) var normal_map: texture_2d<f32>;
 @group(1) @binding(6) var emission_map: texture_2d<f32>;
+@group(1) @binding(9) var occlusion_map: texture_2d<f32>; // beside that of the surface map
 
 // Of the sun's angle to the normal, where shadows begin below a surface.
 const SUNKEN_LEAST_COSINE: f32 = 0.25;
@@ -61,6 +66,33 @@ struct Surface {
     @location(3) @interpolate(flat) level: u32,
     @location(4) colour: vec4<f32>, // linear, so that what lies between vertices is too; with opacity
     @location(5) @interpolate(flat) tint: u32, // sRGB in the low three bytes, red lowest; above, its share of 127
+    @location(6) second_uv: vec2<f32>, // v down
+}
+
+// Texture coordinates and their screen-space derivatives.
+struct Lookup {
+    uv: vec2<f32>,
+    dx: vec2<f32>,
+    dy: vec2<f32>,
+}
+
+fn uses_second_uv(slot: u32) -> bool {
+    return SECOND_UV && ((material.second_uv >> slot) & 1u) != 0u;
+}
+
+// The texture coordinates that a map uses.
+fn uv_for(slot: u32, first: vec2<f32>, second: vec2<f32>) -> vec2<f32> {
+    if (uses_second_uv(slot)) {
+        return second;
+    }
+    return first;
+}
+
+fn lookup_for(slot: u32, first: Lookup, second: Lookup) -> Lookup {
+    if (uses_second_uv(slot)) {
+        return second;
+    }
+    return first;
 }
 
 // A shaded surface point.
@@ -142,34 +174,37 @@ fn own_normal(s: Surface, front: bool, dp_dx: vec3<f32>, dp_dy: vec3<f32>, view:
 fn shaded(s: Surface, front: bool) -> Shaded {
     let dp_dx = dpdx(s.position);
     let dp_dy = dpdy(s.position);
-    let duv_dx = dpdx(s.uv);
-    let duv_dy = dpdy(s.uv);
+    var first = Lookup(s.uv, dpdx(s.uv), dpdy(s.uv));
+    let second = Lookup(s.second_uv, dpdx(s.second_uv), dpdy(s.second_uv));
     let view_length = max(length(s.position), 1e-30);
     let view = s.position / view_length; // from the eye to the surface
     let normal = own_normal(s, front, dp_dx, dp_dy, view);
 
-    var uv = s.uv;
     var sunlit = true;
     var out = Shaded(vec3(0.0), 1.0, normal, material.roughness, material.metallic, material.occlusion, s.position);
     if (RELIEF || MAPS) {
-        let along = gradients(normal, dp_dx, dp_dy, duv_dx, duv_dy);
         if (RELIEF) {
-            let hit = relief(s.uv, normal, view, view_length, along, duv_dx, duv_dy);
-            uv = hit.uv;
+            let along = gradients(normal, dp_dx, dp_dy, first.dx, first.dy);
+            let hit = relief(s.uv, normal, view, view_length, along, first.dx, first.dy);
+            first.uv = hit.uv;
             out.normal = hit.normal;
             sunlit = hit.sunlit;
             out.at += hit.sunk;
         }
         if (MAPS) {
-            let texel = filtered(normal_map, NORMAL, uv, duv_dx, duv_dy).xyz;
-            out.normal = mapped_normal(texel, out.normal, along);
-            let surface = filtered(surface_map, SURFACE, uv, duv_dx, duv_dy);
+            let at = lookup_for(NORMAL, first, second);
+            let along = gradients(normal, dp_dx, dp_dy, at.dx, at.dy);
+            out.normal = mapped_normal(filtered(normal_map, NORMAL, at).xyz, out.normal, along);
+            let surface = filtered(surface_map, SURFACE, lookup_for(SURFACE, first, second));
             out.occlusion *= surface.r;
             out.roughness *= surface.g;
             out.metal *= surface.b;
+            if (SECOND_UV) {
+                out.occlusion *= filtered(occlusion_map, OCCLUSION, lookup_for(OCCLUSION, first, second)).r;
+            }
         }
     }
-    let texel = filtered(colour_map, COLOUR, uv, duv_dx, duv_dy);
+    let texel = filtered(colour_map, COLOUR, lookup_for(COLOUR, first, second));
     let colour = material.base_colour * s.colour * texel;
     out.albedo = tinted(colour.rgb, s.tint);
     out.opacity = colour.a;
@@ -258,7 +293,7 @@ fn fs_specular(s: Surface, @builtin(front_facing) front: bool) -> @location(0) v
 // Emission over the lit picture.
 @fragment
 fn fs_emission(s: Surface) -> @location(0) vec4<f32> {
-    let texel = emitted(s.uv);
+    let texel = emitted(uv_for(EMISSION, s.uv, s.second_uv));
     // Haze takes its share; what it adds is there already.
     let left = exp(-min(max(frame.sky_side.w, 0.0) * length(s.position), 80.0));
     return vec4(min(material.emission * texel, vec3(MAX_RADIANCE)) * left, 0.0);
@@ -275,7 +310,7 @@ fn fs_sunken(s: Surface, @builtin(front_facing) front: bool) -> @builtin(frag_de
         normal = face_normal(dp_dx, dp_dy, s.position);
     }
     let along = gradients(normal, dp_dx, dp_dy, dpdx(s.uv), dpdy(s.uv));
-    if (MASK && material.base_colour.a * s.colour.a * map_opacity(s.uv) < material.cutoff) {
+    if (MASK && material.base_colour.a * s.colour.a * map_opacity(uv_for(COLOUR, s.uv, s.second_uv)) < material.cutoff) {
         discard;
     }
     if (SECTIONS && is_cut(s.position)) {
@@ -293,10 +328,11 @@ struct Pierced {
     @builtin(position) clip: vec4<f32>,
     @location(0) uv: vec2<f32>,
     @location(1) opacity: f32,
+    @location(2) second_uv: vec2<f32>,
 }
 
 fn is_hole(p: Pierced) -> bool {
-    return material.base_colour.a * p.opacity * map_opacity(p.uv) < material.cutoff;
+    return material.base_colour.a * p.opacity * map_opacity(uv_for(COLOUR, p.uv, p.second_uv)) < material.cutoff;
 }
 
 @fragment
@@ -323,7 +359,7 @@ fn fs_wire() -> @location(0) vec4<f32> {
 
 // With section planes: whether nothing of a surface is at a fragment. In uniform control flow, for derivatives.
 fn is_cut_or_hole(s: Surface) -> bool {
-    let hole = MASK && material.base_colour.a * s.colour.a * map_opacity(s.uv) < material.cutoff;
+    let hole = MASK && material.base_colour.a * s.colour.a * map_opacity(uv_for(COLOUR, s.uv, s.second_uv)) < material.cutoff;
     return hole || is_cut(s.position);
 }
 

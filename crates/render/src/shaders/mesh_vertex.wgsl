@@ -17,14 +17,9 @@ struct VertexIn {
 // their moves begin (0: none), where its pose does (0: none), the state of all others, and the states. A texture, since not every device has storage
 // buffers in the vertex stage.
 @group(1) @binding(7) var part_states: texture_2d<u32>;
-// Distinct skins of the asset's vertices: joints and weights, a byte each.
-@group(1) @binding(8) var skins: texture_2d<u32>;
 
 const PART_STATES_WIDTH: u32 = 1024u;
 const HIDDEN: u32 = 0x80000000u;
-const SKINS_WIDTH: u32 = 1024u;
-// The number of a vertex is that of its skin, and its part is the first.
-const SKINNED: u32 = 0x80000000u;
 
 fn part_states_at(at: u32) -> u32 {
     return textureLoad(part_states, vec2(at % PART_STATES_WIDTH, at / PART_STATES_WIDTH), 0).x;
@@ -32,7 +27,8 @@ fn part_states_at(at: u32) -> u32 {
 
 // Where a vertex's part is in the lists of an instance: the first entry is of all parts that are not listed.
 fn part_entry(v: VertexIn, states: u32) -> u32 {
-    let part = select(v.part_and_level >> 8u, 0u, (v.part_and_level & SKINNED) != 0u);
+    let own = attributes_of(v.part_and_level);
+    let part = select(own.joints, 0u, own.weights != 0u);
     return select(0u, part + 1u, part < part_states_at(states));
 }
 
@@ -90,11 +86,9 @@ fn pose_of(states: u32) -> u32 {
 
 // Linear blend skinning: the mean of the maps of a vertex's joints, by weight. Joints beyond the pose's stand still.
 fn blended(v: VertexIn, pose: u32) -> Rows {
-    var skin = vec2(0u, 255u);
-    if ((v.part_and_level & SKINNED) != 0u) {
-        let number = (v.part_and_level & ~SKINNED) >> 8u;
-        skin = textureLoad(skins, vec2(number % SKINS_WIDTH, number / SKINS_WIDTH), 0).xy;
-    }
+    let own = attributes_of(v.part_and_level);
+    // Not skinned: all of the first joint.
+    let skin = select(vec2(0u, 255u), vec2(own.joints, own.weights), own.weights != 0u);
     let joints = part_states_at(pose);
     var sum = Rows(vec4(0.0), vec4(0.0), vec4(0.0));
     for (var i = 0u; i < 4u; i++) {
@@ -168,6 +162,7 @@ fn vs_surface(v: VertexIn) -> Surface {
     }
     out.normal = rotate(v.rotation, normal);
     out.uv = vec2(v.uv.x, 1.0 - v.uv.y);
+    out.second_uv = attributes_of(v.part_and_level).second_uv;
     out.level = v.part_and_level & 255u;
     out.tint = state & ~HIDDEN;
     out.colour = vec4(linear_from_srgb(v.colour.rgb), v.colour.a);
@@ -182,7 +177,8 @@ fn vs_caster(v: VertexIn) -> @builtin(position) vec4<f32> {
 
 @vertex
 fn vs_pierced(v: VertexIn) -> Pierced {
-    return Pierced(shown(placed(v), part_state(v)), vec2(v.uv.x, 1.0 - v.uv.y), v.colour.a);
+    let second_uv = attributes_of(v.part_and_level).second_uv;
+    return Pierced(shown(placed(v), part_state(v)), vec2(v.uv.x, 1.0 - v.uv.y), v.colour.a, second_uv);
 }
 
 // Edges, counted. Moved towards the eye by two thousandths of their depth, which keeps them in

@@ -89,6 +89,14 @@ fn uv_of(slot: u32) -> vec2<f32> {
     return vec2(bitcast<f32>(vertices[at]), bitcast<f32>(vertices[at + 1u]));
 }
 
+fn second_uv_of(slot: u32) -> vec2<f32> {
+    return attributes_of(vertices[slot * VERTEX_WORDS + 7u]).second_uv;
+}
+
+fn second_uv_at(slots: vec3<u32>, w: vec3<f32>) -> vec2<f32> {
+    return second_uv_of(slots.x) * w.x + second_uv_of(slots.y) * w.y + second_uv_of(slots.z) * w.z;
+}
+
 fn colour_of(slot: u32) -> vec4<f32> {
     let colour = unpack4x8unorm(vertices[slot * VERTEX_WORDS + 12u]);
     return vec4(linear_from_srgb(colour.rgb), colour.a);
@@ -117,12 +125,14 @@ fn vs_surface(v: VertexIn) -> Surface {
         local = own.position;
         normal = own.normal;
         uv = uv_of(slot);
+        out.second_uv = second_uv_of(slot);
         out.colour = colour_of(slot);
     } else {
         let c = corners_of(at.face, frame.time_s);
         local = bent(c, w);
         normal = normal_on_patch(c, w);
         uv = uv_at(slots, w);
+        out.second_uv = second_uv_at(slots, w);
         out.colour = colour_of(slots.x) * w.x + colour_of(slots.y) * w.y + colour_of(slots.z) * w.z;
     }
     let rotation = instances[INSTANCE_VECTORS * at.instance + 1u];
@@ -148,7 +158,7 @@ fn vs_pierced(v: VertexIn) -> Pierced {
     let w = at.weights;
     let uv = uv_at(slots, w);
     let opacity = vec3(colour_of(slots.x).a, colour_of(slots.y).a, colour_of(slots.z).a);
-    return Pierced(clip_position(placed(v, at)), vec2(uv.x, 1.0 - uv.y), dot(opacity, w));
+    return Pierced(clip_position(placed(v, at)), vec2(uv.x, 1.0 - uv.y), dot(opacity, w), second_uv_at(slots, w));
 }
 
 // Edges of the grid, as those of meshes.

@@ -107,15 +107,15 @@ fn tiled_filtered(
     return sum / f32(f.count);
 }
 
-// A colour, surface or normal map.
-fn filtered(map: texture_2d<f32>, slot: u32, uv: vec2<f32>, dx: vec2<f32>, dy: vec2<f32>) -> vec4<f32> {
+// Any but the emission map.
+fn filtered(map: texture_2d<f32>, slot: u32, at: Lookup) -> vec4<f32> {
     if (TILED && material.tiled[slot].levels > 0u) {
         if (slot == COLOUR) {
-            return tiled_filtered(colour_pages, map, slot, uv, dx, dy, abs(frame.lookups));
+            return tiled_filtered(colour_pages, map, slot, at.uv, at.dx, at.dy, abs(frame.lookups));
         }
-        return tiled_filtered(other_pages, map, slot, uv, dx, dy, abs(frame.lookups));
+        return tiled_filtered(other_pages, map, slot, at.uv, at.dx, at.dy, abs(frame.lookups));
     }
-    return anisotropic(map, map_sampler, uv, footprint(dx, dy, vec2<f32>(textureDimensions(map))));
+    return anisotropic(map, map_sampler, at.uv, footprint(at.dx, at.dy, vec2<f32>(textureDimensions(map))));
 }
 
 // The emission map. As many lookups as the sampler would take.

@@ -29,6 +29,7 @@ fn pyramid() -> Vec<Change> {
             smooth: false,
             part: 0,
             skin: Default::default(),
+            second_uv: [0.0; 2],
         };
         Vertex { data, birth_s: 0.0, level: 0 }
     };

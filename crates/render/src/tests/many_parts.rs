@@ -31,6 +31,7 @@ fn asset(number: u32, parts: u32, materials: u32) -> [Change; 2] {
             smooth: false,
             part,
             skin: Default::default(),
+            second_uv: [0.0; 2],
         };
         Vertex { data, birth_s: 0.0, level: 0 }
     };

@@ -37,6 +37,8 @@ mod reflections;
 mod relief;
 #[cfg(feature = "client")]
 mod scene_parts;
+#[cfg(feature = "client")]
+mod second_uv;
 mod section;
 mod shadows;
 mod shapes;

@@ -24,6 +24,7 @@ fn asset(number: u32, color: [u8; 4]) -> Vec<Change> {
             smooth: false,
             part,
             skin: Default::default(),
+            second_uv: [0.0; 2],
         };
         Vertex { data, birth_s: 0.0, level: 0 }
     };

@@ -44,6 +44,7 @@ fn tube(skinned: bool, moved: impl Fn(DVec3, DVec3, Skin) -> (DVec3, DVec3)) -> 
             smooth: true,
             part: 0,
             skin: if skinned { skin } else { Skin::default() },
+            second_uv: [0.0; 2],
         };
         Vertex { data, birth_s: 0.0, level: 0 }
     };

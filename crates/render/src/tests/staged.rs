@@ -25,6 +25,7 @@ fn vertex(x: f32, y: f32, color: [u8; 4]) -> Vertex {
         smooth: true,
         part: 0,
         skin: Default::default(),
+        second_uv: [0.0; 2],
     };
     Vertex { data, birth_s: 0.0, level: 0 }
 }

@@ -11,7 +11,8 @@ pub const MAX_NORMAL_SCALE: f32 = 64.0;
 
 /// Surface parameters of the faces that name this material.
 ///
-/// All maps use the vertices' only set of texture coordinates and the same wrap modes.
+/// Maps use the first of the vertices' two sets of texture coordinates, unless [`Material::second_uv`] says otherwise,
+/// and the same wrap modes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Material {
     /// Name for people.
@@ -42,10 +43,15 @@ pub struct Material {
     pub flat: bool,
     /// How maps continue beyond 0..=1, along u and along v.
     pub wrap: [Wrap; 2],
+    /// Which maps use the second set of texture coordinates.
+    pub second_uv: SecondUv,
     /// Index of the colour texture.
     pub base_color_texture: Option<u16>,
     /// Index of the texture of occlusion (red), roughness (green) and metal (blue).
     pub surface_texture: Option<u16>,
+    /// Index of a texture of occlusion (red) that uses the other set of texture coordinates than the surface texture, whose
+    /// red is 1 then.
+    pub occlusion_texture: Option<u16>,
     /// Index of the normal map: x along u, y along v upwards, z out of the surface.
     pub normal_texture: Option<u16>,
     /// Factor on the x and y of the normal map, in 0..=[`MAX_NORMAL_SCALE`]. 1 without one.
@@ -57,6 +63,33 @@ pub struct Material {
     /// Depth of black in the height map below the surface, in units of texture coordinates
     /// (uv space: 0.05 is a twentieth of the texture's width). Zero without height map.
     pub relief_depth: f32,
+}
+
+/// Maps that use the second set of texture coordinates. The occlusion texture uses the other set than the surface texture,
+/// the height map the first.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct SecondUv {
+    /// The colour texture.
+    pub color: bool,
+    /// The surface texture.
+    pub surface: bool,
+    /// The normal map.
+    pub normal: bool,
+    /// The texture of emitted colours.
+    pub emission: bool,
+}
+
+impl SecondUv {
+    /// Bits of the flags, in the order of the fields.
+    #[must_use]
+    pub const fn bits(self) -> u8 {
+        self.color as u8 | (self.surface as u8) << 1 | (self.normal as u8) << 2 | (self.emission as u8) << 3
+    }
+
+    fn of(bits: u8) -> Self {
+        let is = |bit: u8| bits & 1 << bit != 0;
+        Self { color: is(0), surface: is(1), normal: is(2), emission: is(3) }
+    }
 }
 
 /// Alpha mode, as in glTF.
@@ -98,8 +131,10 @@ impl Default for Material {
             unlit: false,
             flat: false,
             wrap: [Wrap::Repeat; 2],
+            second_uv: SecondUv::default(),
             base_color_texture: None,
             surface_texture: None,
+            occlusion_texture: None,
             normal_texture: None,
             normal_scale: 1.0,
             emission_texture: None,
@@ -115,9 +150,23 @@ impl Material {
         let all = [
             self.base_color_texture,
             self.surface_texture,
+            self.occlusion_texture,
             self.normal_texture,
             self.emission_texture,
             self.height_texture,
+        ];
+        all.into_iter().flatten()
+    }
+
+    /// Its textures that use the second set of texture coordinates.
+    pub fn second_textures(&self) -> impl Iterator<Item = u16> {
+        let SecondUv { color, surface, normal, emission } = self.second_uv;
+        let all = [
+            self.base_color_texture.filter(|_| color),
+            self.surface_texture.filter(|_| surface),
+            self.occlusion_texture.filter(|_| !surface),
+            self.normal_texture.filter(|_| normal),
+            self.emission_texture.filter(|_| emission),
         ];
         all.into_iter().flatten()
     }
@@ -167,8 +216,13 @@ mod third {
     pub(super) const SPECULAR: u8 = 4;
     pub(super) const CLEAR_COAT: u8 = 8;
     pub(super) const TRANSMISSION: u8 = 16;
-    pub(super) const ALL: u8 = 31;
+    /// A byte: flags of [`SecondUv`](super::SecondUv), and from bit 4 on whether an occlusion texture follows.
+    pub(super) const SECOND_UV: u8 = 32;
+    pub(super) const ALL: u8 = 63;
 }
+
+/// Bit of the byte of [`third::SECOND_UV`].
+const OCCLUSION_TEXTURE: u8 = 16;
 
 fn wrap_bits(wrap: Wrap) -> u8 {
     match wrap {
@@ -202,9 +256,14 @@ impl Material {
             (third::SPECULAR, !self.specular.is_usual()),
             (third::CLEAR_COAT, !self.clear_coat.is_none()),
             (third::TRANSMISSION, to_u8(self.transmission) > 0),
+            (third::SECOND_UV, self.second_uv_byte() > 0),
         ];
         let present: u8 = present.iter().map(|&(bit, is)| if is { bit } else { 0 }).sum();
         (present > 0).then(|| present | self.alpha_bits())
+    }
+
+    fn second_uv_byte(&self) -> u8 {
+        self.second_uv.bits() | if self.occlusion_texture.is_some() { OCCLUSION_TEXTURE } else { 0 }
     }
 
     fn second_byte(&self) -> u8 {
@@ -280,6 +339,12 @@ impl Encode for Material {
             if to_u8(self.transmission) > 0 {
                 to_u8(self.transmission).encode(writer)?;
             }
+            if self.second_uv_byte() > 0 {
+                self.second_uv_byte().encode(writer)?;
+            }
+            if let Some(texture) = self.occlusion_texture {
+                texture.encode(writer)?;
+            }
         }
         Ok(())
     }
@@ -340,6 +405,16 @@ impl Decode for Material {
             }
             if third & third::TRANSMISSION != 0 {
                 this.transmission = from_u8(u8::decode(reader)?);
+            }
+            if third & third::SECOND_UV != 0 {
+                let flags = u8::decode(reader)?;
+                if flags & OCCLUSION_TEXTURE != 0 {
+                    this.occlusion_texture = Some(u16::decode(reader)?);
+                }
+                this.second_uv = SecondUv::of(flags);
+                if this.second_uv_byte() != flags {
+                    return Err(CodingError::value("unknown material flags"));
+                }
             }
             if this.third_byte() != has_third.then_some(third) {
                 return Err(CodingError::value("a material flags what it has not"));

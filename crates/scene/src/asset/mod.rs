@@ -15,7 +15,7 @@ pub use self::specular::{ClearCoat, Specular};
 pub use self::texture_regions::{MAX_TEXTURE_REGIONS, TexturePatch, TextureRegion, TextureRegions, cells_of};
 pub use self::tiles::{TILE_BORDER, TILE_SIDE, is_tiled, tile_grid, tile_place, tile_size};
 
-pub use self::material::{Alpha, MAX_EMISSION, MAX_NORMAL_SCALE, Material, Wrap};
+pub use self::material::{Alpha, MAX_EMISSION, MAX_NORMAL_SCALE, Material, SecondUv, Wrap};
 pub use crate::encoding::CodingError;
 use crate::encoding::{self, encode_fields, encode_variants};
 use crate::limits::{MAX_BLOB_BYTES, MAX_DESCRIPTION_BYTES, MAX_NAME_BYTES};

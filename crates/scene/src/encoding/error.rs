@@ -45,7 +45,7 @@ pub enum CodingError {
 
 impl CodingError {
     /// A value that its type refuses.
-    pub(crate) fn value(why: impl ToString) -> Self {
+    pub fn value(why: impl ToString) -> Self {
         Self::Value { why: why.to_string() }
     }
 }

@@ -18,7 +18,7 @@ use std::time::Instant;
 use anyhow::Context as _;
 use lodestream_compress::{decode_base, decode_chunk, encode_base, prepare};
 use lodestream_geometry::Settings;
-use lodestream_geometry::mesh::{Corner, NONE};
+use lodestream_geometry::mesh::Corner;
 use lodestream_geometry::pool::{Serial, Silent};
 use lodestream_geometry::prepare::{axis_aligned_share, suit};
 use lodestream_geometry::quantise::{Precision, QuantiseSettings, quantise};
@@ -94,8 +94,9 @@ pub fn assess(path: &Path, options: &Options) -> anyhow::Result<Assessment> {
         .with_context(|| format!("cannot import {}", path.display()))?;
     if options.positions_only {
         let corners = imported.mesh.faces.iter_mut().flatten();
-        corners.for_each(|c| *c = Corner { uv: NONE, normal: NONE, color: NONE, ..*c });
+        corners.for_each(|c| *c = Corner::at(c.position));
         imported.mesh.uvs.clear();
+        imported.mesh.second_uvs.clear();
         imported.mesh.normals.clear();
         imported.mesh.colors.clear();
         imported.mesh.materials.fill(0);

@@ -179,7 +179,7 @@ mod tests {
     /// A unit square of two triangles with every attribute.
     fn square() -> SourceMesh {
         let positions = vec![[0.0; 3], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]];
-        let corner = |i: u32| Corner { position: i, uv: i, normal: i, color: i };
+        let corner = |i: u32| Corner { uv: i, normal: i, color: i, ..Corner::at(i) };
         SourceMesh {
             uvs: positions.iter().map(|p| [p[0] as f32, p[1] as f32]).collect(),
             normals: vec![[0.0, 0.0, 1.0]; 4],

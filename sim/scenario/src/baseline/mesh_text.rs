@@ -195,6 +195,7 @@ mod tests {
         QuantisedMesh {
             grid: Grid { origin: [-1.0, 0.0, 0.0], step: 0.25, bits: 3 },
             uv_grid: UvGrid { origin: [0.0; 2], step: [0.25; 2], bits: if uv { 2 } else { 0 } },
+            second_uv_grid: UvGrid::NONE,
             positions: vec![[0, 0, 0], [4, 0, 0], [4, 5, 0], [0, 5, 1]],
             wedges: vec![
                 wedge(0, 0),

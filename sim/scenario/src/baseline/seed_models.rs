@@ -4,7 +4,7 @@
 //! They are curved, closed, textured surfaces, computed with + − × ÷ and a polynomial for the sine only, so that they
 //! are identical on every machine.
 
-use lodestream_geometry::mesh::{Corner, NONE, SourceMesh};
+use lodestream_geometry::mesh::{Corner, SourceMesh};
 
 /// A model with its name.
 #[derive(Clone, Debug)]
@@ -58,12 +58,8 @@ struct Builder {
 impl Builder {
     fn corner(&mut self, position: [f64; 3], uv: [f64; 2]) -> Corner {
         // A few hundred of each.
-        let corner = Corner {
-            position: self.mesh.positions.len() as u32,
-            uv: self.mesh.uvs.len() as u32,
-            normal: NONE,
-            color: NONE,
-        };
+        let corner =
+            Corner { uv: self.mesh.uvs.len() as u32, ..Corner::at(self.mesh.positions.len() as u32) };
         self.mesh.positions.push(position);
         self.mesh.uvs.push(uv.map(|x| x as f32));
         corner

@@ -18,6 +18,7 @@ const ATTRIBUTES = {
   position: ['positions', 3, false],
   normal: ['normals', 3, false],
   uv: ['uvs', 2, false],
+  uv1: ['secondUvs', 2, false],
   color: ['colors', 4, true],
 };
 
@@ -44,7 +45,8 @@ class Asset {
   #build() {
     const { mesh, center, radius } = this.#asset;
     for (const geometry of this.#geometries) geometry.dispose();
-    const attributes = Object.entries(ATTRIBUTES).map(([name, [array, size, normalized]]) => {
+    const present = Object.entries(ATTRIBUTES).filter(([, [array]]) => mesh[array] !== null);
+    const attributes = present.map(([name, [array, size, normalized]]) => {
       const attribute = new THREE.BufferAttribute(mesh[array], size, normalized);
       return [name, attribute.setUsage(THREE.DynamicDrawUsage)];
     });
@@ -64,8 +66,8 @@ class Asset {
     if (verticesReplaced || indicesReplaced.length) return this.#build();
     for (const [name, [array, size]] of Object.entries(ATTRIBUTES)) {
       const attribute = this.#geometries[0].attributes[name];
-      for (const run of vertices) {
-        attribute.addUpdateRange(size * run.first, run[array].length);
+      for (const run of attribute ? vertices : []) {
+        attribute.addUpdateRange(size * run.first, size * run.parts.length);
         attribute.needsUpdate = true;
       }
     }
@@ -155,8 +157,9 @@ function upload(texture) {
 
 /** A material of three.js for one of the scene. */
 function materialOf(material, infos, textures) {
-  const texture = (index) => {
-    const found = index === null ? null : textures[index];
+  const texture = (name) => {
+    const found = material[name] === null ? null : textures[material[name]];
+    if (found) found.channel = material.secondUv.includes(name) ? 1 : 0;
     if (found) [found.wrapS, found.wrapT] = material.wrap.map((wrap) => WRAP[wrap]);
     return found;
   };
@@ -165,25 +168,25 @@ function materialOf(material, infos, textures) {
     name: material.name,
     color: new THREE.Color(red, green, blue),
     opacity,
-    map: texture(material.baseColorTexture),
+    map: texture('baseColorTexture'),
     vertexColors: true,
     transparent: material.alphaMode === 'blend',
     alphaTest: material.alphaMode === 'mask' ? material.alphaCutoff : 0,
     side: THREE.DoubleSide,
   };
   if (material.unlit) return new THREE.MeshBasicMaterial(common);
-  const surface = texture(material.surfaceTexture);
+  const surface = texture('surfaceTexture');
   return new THREE.MeshStandardMaterial({
     ...common,
     flatShading: material.flat,
     roughness: material.roughness,
     metalness: material.metallic,
     emissive: new THREE.Color(...material.emission),
-    emissiveMap: texture(material.emissionTexture),
-    aoMap: surface,
+    emissiveMap: texture('emissionTexture'),
+    aoMap: texture('occlusionTexture') ?? surface,
     roughnessMap: surface,
     metalnessMap: surface,
-    normalMap: texture(material.normalTexture),
+    normalMap: texture('normalTexture'),
     normalScale: new THREE.Vector2(material.normalScale, material.normalScale),
   });
 }

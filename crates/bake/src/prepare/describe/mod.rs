@@ -7,9 +7,9 @@ mod textures;
 
 use crate::preparation_settings::{PreparationSettings, ReliefDepth};
 use lodestream_geometry::pool::Pool;
-use lodestream_import::ImportedMaterial;
 use lodestream_import::srgb::srgb_to_linear;
 use lodestream_import::texture::{Level, Opacity, TextureKind, TextureSource, Transparency};
+use lodestream_import::{ImportedMaterial, SurfaceMap};
 use lodestream_scene::asset::{Alpha, AssetDescription, MAX_NORMAL_SCALE, Material};
 use lodestream_scene::limits::MAX_NAME_BYTES;
 
@@ -67,6 +67,9 @@ fn describe_one(
     let color = textures.make(color_source(imported))?;
     let surface = (!maps.surface.is_empty()).then(|| TextureSource::Surface(maps.surface.clone()));
     let surface = textures.make(surface)?;
+    let apart = maps.occlusion.clone();
+    let apart = apart.map(|occlusion| SurfaceMap { occlusion: Some(occlusion), ..SurfaceMap::default() });
+    let occlusion = textures.make(apart.map(TextureSource::Surface))?;
     let mut normal = textures.make(maps.normal.clone().map(TextureSource::Normal))?;
     let emission = textures.make(maps.emission.clone().map(TextureSource::opaque))?;
     let mut normal_scale = material.normal_scale;
@@ -97,6 +100,7 @@ fn describe_one(
         alpha: alpha(imported, color.as_ref()),
         base_color_texture: index(color.as_ref()),
         surface_texture: index(surface.as_ref()),
+        occlusion_texture: index(occlusion.as_ref()),
         normal_scale: if normal.is_some() { normal_scale } else { 1.0 },
         normal_texture: index(normal.as_ref()),
         emission_texture: index(emission.as_ref()),

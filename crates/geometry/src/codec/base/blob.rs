@@ -19,6 +19,11 @@ const AXIS_ALIGNED_V1: u8 = 0x40;
 const CODED: u8 = 0xc0;
 /// In the byte of attributes: the number of parts follows that of materials.
 const HAS_PARTS: u8 = 0x20;
+/// In the byte of attributes: bits of texture coordinates.
+const UV_BITS: u8 = 0x1f;
+/// In the byte of attributes, in place of the bits of texture coordinates: there is a second set, and a byte each for
+/// the bits of both sets precedes their grids.
+const TWO_UV_SETS: u8 = 0x1f;
 /// In the byte of position bits: vertices have skins.
 const HAS_SKINS: u8 = 0x20;
 
@@ -54,7 +59,8 @@ impl Base {
 
     /// Bytes of the head and the description; the mesh to encode, and its format.
     fn parts(&self) -> (Vec<u8>, BaseMesh, BaseFormat) {
-        let kinds = self.uv_grid.bits
+        let two_sets = self.second_uv_grid.bits > 0;
+        let kinds = if two_sets { TWO_UV_SETS } else { self.uv_grid.bits }
             | if self.part_count > 1 { HAS_PARTS } else { 0 }
             | u8::from(self.colors) << 6
             | u8::from(self.normals) << 7;
@@ -70,8 +76,12 @@ impl Base {
         for x in self.grid.origin.iter().chain([&self.grid.step]) {
             out.extend(x.to_le_bytes());
         }
-        if self.uv_grid.bits > 0 {
-            for x in self.uv_grid.origin.iter().chain(&self.uv_grid.step) {
+        let uv_grids = [&self.uv_grid, &self.second_uv_grid];
+        if two_sets {
+            out.extend(uv_grids.map(|grid| grid.bits));
+        }
+        for grid in uv_grids.into_iter().filter(|grid| grid.bits > 0) {
+            for x in grid.origin.iter().chain(&grid.step) {
                 out.extend(x.to_le_bytes());
             }
         }
@@ -97,7 +107,7 @@ impl Base {
             skins: self.skins.clone(),
         };
         let bits = self.grid.bits - shift;
-        let format = BaseFormat::new(bits, self.kinds(), self.material_count, self.part_count, &self.uv_grid);
+        let format = BaseFormat::new(bits, self.kinds(), self.material_count, self.part_count, uv_grids);
         (out, base, format)
     }
 
@@ -134,23 +144,26 @@ impl Base {
             _ => return Err(r.error("unknown codec of its chunks")),
         };
         let (bits, skinned) = (bits & !(CODED | HAS_SKINS), bits & HAS_SKINS != 0);
-        let (uv_bits, colors, normals) = (kinds & 0x1f, kinds & 0x40 != 0, kinds & 0x80 != 0);
-        if !(1..=MAX_POSITION_BITS).contains(&bits) || uv_bits > MAX_UV_BITS {
+        let (uv_bits, colors, normals) = (kinds & UV_BITS, kinds & 0x40 != 0, kinds & 0x80 != 0);
+        let two_sets = uv_bits == TWO_UV_SETS;
+        if !(1..=MAX_POSITION_BITS).contains(&bits) || uv_bits > MAX_UV_BITS && !two_sets {
             return Err(r.error(format!("{bits} position bits and {uv_bits} uv bits are out of range")));
         }
         let (shift, shifts) = read_shifts(&mut r, level_count, bits)?;
         let grid = Grid { origin: [r.f64()?, r.f64()?, r.f64()?], step: r.f64()?, bits };
-        let mut uv_grid = UvGrid { origin: [0.0; 2], step: [0.0; 2], bits: uv_bits };
-        if uv_bits > 0 {
-            uv_grid.origin = [r.f64()?, r.f64()?];
-            uv_grid.step = [r.f64()?, r.f64()?];
+        let [uv_bits, second_uv_bits] = if two_sets { [r.u8()?, r.u8()?] } else { [uv_bits, 0] };
+        if uv_bits > MAX_UV_BITS || second_uv_bits > MAX_UV_BITS || two_sets && second_uv_bits == 0 {
+            return Err(r.error(format!("{uv_bits} and {second_uv_bits} uv bits are out of range")));
         }
+        let (uv_grid, second_uv_grid) =
+            (read_uv_grid(&mut r, uv_bits)?, read_uv_grid(&mut r, second_uv_bits)?);
         // Renderers use f32 positions relative to the grid's origin.
         let fits = |size: f64| size <= f64::from(f32::MAX);
         let cells = |bits: u8| f64::from(1_u32 << bits);
-        if !fits(grid.step.abs() * cells(bits))
-            || (0..2).any(|k| !fits(uv_grid.origin[k].abs() + uv_grid.step[k].abs() * cells(uv_bits)))
-        {
+        let uv_fits = |grid: &UvGrid| {
+            (0..2).all(|k| fits(grid.origin[k].abs() + grid.step[k].abs() * cells(grid.bits)))
+        };
+        if !fits(grid.step.abs() * cells(bits)) || !uv_fits(&uv_grid) || !uv_fits(&second_uv_grid) {
             return Err(r.error("its grids reach beyond 32-bit numbers"));
         }
         let sphere = Sphere { center: [r.f32()?, r.f32()?, r.f32()?], radius: r.f32()? };
@@ -170,12 +183,14 @@ impl Base {
         let length = r.varint32(id32(MAX_DESCRIPTION_BYTES))? as usize;
         let description = r.take(length)?.to_vec();
         let rest = r.remaining();
-        let kinds = Kinds { uv_bits, colors, normals, skins: skinned };
-        let format = BaseFormat::new(bits - shift, kinds, material_count, part_count, &uv_grid);
+        let kinds = Kinds { uv_bits, second_uv_bits, colors, normals, skins: skinned };
+        let uv_grids = [&uv_grid, &second_uv_grid];
+        let format = BaseFormat::new(bits - shift, kinds, material_count, part_count, uv_grids);
         let mesh = base::decode(r.take(rest)?, mesh.unwrap_or(codec), format)?;
         Ok(Self {
             grid,
             uv_grid,
+            second_uv_grid,
             sphere,
             diagonal,
             geometric_error,
@@ -197,6 +212,14 @@ impl Base {
             skins: mesh.skins,
         })
     }
+}
+
+/// The grid of a set of texture coordinates with the given bits; nothing is stored of a set without.
+fn read_uv_grid(r: &mut Reader<'_>, bits: u8) -> Result<UvGrid, DecodeError> {
+    if bits == 0 {
+        return Ok(UvGrid::NONE);
+    }
+    Ok(UvGrid { origin: [r.f64()?, r.f64()?], step: [r.f64()?, r.f64()?], bits })
 }
 
 /// Number of low bits that are zero in all coordinates, at most `most`.

@@ -46,14 +46,17 @@ pub(crate) struct BaseFormat {
     pub(crate) materials: u16,
     /// Number of parts.
     pub(crate) parts: u32,
-    /// Height over width of a cell of the uv grid; 1 without texture coordinates.
-    pub(crate) uv_ratio: f64,
+    /// Height over width of a cell of each set's uv grid; 1 without texture coordinates.
+    pub(crate) uv_ratios: [f64; 2],
 }
 
 impl BaseFormat {
-    pub(crate) fn new(bits: u8, kinds: Kinds, materials: u16, parts: u32, uv_grid: &UvGrid) -> Self {
-        let ratio = uv_grid.step[1] / uv_grid.step[0];
-        let uv_ratio = if ratio.is_finite() && ratio > 0.0 { ratio } else { 1.0 };
-        Self { bits, kinds, materials, parts, uv_ratio }
+    /// `uv_grids` are those of both sets of texture coordinates.
+    pub(crate) fn new(bits: u8, kinds: Kinds, materials: u16, parts: u32, uv_grids: [&UvGrid; 2]) -> Self {
+        let uv_ratios = uv_grids.map(|grid| {
+            let ratio = grid.step[1] / grid.step[0];
+            if ratio.is_finite() && ratio > 0.0 { ratio } else { 1.0 }
+        });
+        Self { bits, kinds, materials, parts, uv_ratios }
     }
 }

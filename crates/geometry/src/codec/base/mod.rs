@@ -172,7 +172,7 @@ mod tests {
 
     fn bytes_of(mesh: &BaseMesh) -> usize {
         let kinds = Kinds { uv_bits: 12, ..Kinds::default() };
-        let format = BaseFormat { bits: 9, kinds, materials: 1, parts: 1, uv_ratio: 1.0 };
+        let format = BaseFormat { bits: 9, kinds, materials: 1, parts: 1, uv_ratios: [1.0; 2] };
         let mut ordered_base = None;
         for codec in [Codec::Zstd, Codec::Range] {
             let bytes = encode(mesh, codec, format).unwrap();
@@ -223,7 +223,8 @@ mod tests {
     #[test]
     fn a_million_faces_in_a_few_kilobytes_are_refused_before_allocation() {
         let mut greedy = Greedy(Encoder::new(contexts()));
-        let format = BaseFormat { bits: 12, kinds: Kinds::default(), materials: 1, parts: 1, uv_ratio: 1.0 };
+        let format =
+            BaseFormat { bits: 12, kinds: Kinds::default(), materials: 1, parts: 1, uv_ratios: [1.0; 2] };
         let mut walk = Walk::new(&mut greedy, format, u64::MAX, false);
         assert!(walk.run().is_err());
         assert_eq!(walk.mesh.faces.len(), MAX_BASE_FACES);

@@ -148,7 +148,8 @@ mod tests {
         choosing: bool,
         corners: &Corners,
     ) -> [Option<[i32; 3]>; CANDIDATES] {
-        let format = BaseFormat { bits: 8, kinds: Kinds::default(), materials: 1, parts: 1, uv_ratio: 1.0 };
+        let format =
+            BaseFormat { bits: 8, kinds: Kinds::default(), materials: 1, parts: 1, uv_ratios: [1.0; 2] };
         let mut coder = NullCoder;
         let mut walk = Walk::new(&mut coder, format, u64::MAX, choosing);
         walk.mesh.positions = positions.to_vec();

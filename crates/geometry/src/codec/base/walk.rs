@@ -41,7 +41,8 @@ pub(super) struct Walk<'a, C> {
     pub(super) border: Border,
     pub(super) repeats: Repeats,
     pub(super) position_candidates: PositionCandidates,
-    pub(super) uv_candidates: UvCandidates,
+    /// Of each set of texture coordinates.
+    pub(super) uv_candidates: [UvCandidates; 2],
 }
 
 /// An edge at which a face may be attached: a face and the corner that starts the edge.
@@ -79,7 +80,7 @@ impl<'a, C: Coder> Walk<'a, C> {
             border: Border::default(),
             repeats: Repeats::default(),
             position_candidates: PositionCandidates::new(format.bits),
-            uv_candidates: UvCandidates::new(format.kinds.uv_bits),
+            uv_candidates: [0, 1].map(|set| UvCandidates::new(format.kinds.uv_bits_of_set(set))),
         }
     }
 
@@ -142,7 +143,8 @@ impl<'a, C: Coder> Walk<'a, C> {
             corners.next = i;
             corners.wedges[i] = self.wedge(&corners, want.map(|w| w.1[i]))?;
         }
-        self.uv_candidates.follow(corners.vertices.map(|v| self.place(v)), corners.wedges);
+        let places = corners.vertices.map(|v| self.place(v));
+        self.uv_candidates.iter_mut().for_each(|set| set.follow(places, corners.wedges));
         let material = self.material(gate, want.map(|w| w.0))?;
         let face = id32(self.mesh.faces.len());
         self.mesh.faces.push(Face { wedges: corners.wedges, material });

@@ -1,6 +1,8 @@
 //! Coding of a corner's wedge: one of its vertex's wedges, or a new one with its attributes.
 
-use crate::codec::attributes::{Expected, UV, code_attributes};
+use crate::codec::attributes::{
+    Expected, SHARED_IN_BASE, SharedUv, UV, code_attributes, code_shared, shared_second,
+};
 use crate::codec::base::candidates::{Chart, rounded};
 use crate::codec::base::uv_candidates::{
     CANDIDATES, CHART, FIRST_RECENT, FIRST_SEAM, FIRST_SIMILAR, NEIGHBOUR, OTHER_WEDGE, REPEATED,
@@ -8,9 +10,9 @@ use crate::codec::base::uv_candidates::{
 };
 use crate::codec::base::walk::{Corners, Walk};
 use crate::codec::model::{
-    BASE_CHOICE, BASE_NEW_WEDGE, BASE_SAME_GROUP, BASE_SAME_WEDGE, MAX_CHOICES, REPEAT_STATES,
+    BASE_CHOICE, BASE_NEW_WEDGE, BASE_SAME_GROUP, BASE_SAME_WEDGE, MAX_CHOICES, REPEAT_STATES, SHARED_UV,
 };
-use crate::codec::residual::{Recent, UNKNOWN};
+use crate::codec::residual::UNKNOWN;
 use crate::entropy::range_coder::Coder;
 use crate::entropy::symbols::index;
 use crate::error::DecodeError;
@@ -27,7 +29,8 @@ impl<C: Coder> Walk<'_, C> {
             _ => None,
         };
         let on_chart = across.or_else(|| self.wedge_of_chart(corners));
-        if let Some(guess) = on_chart.or(self.wedges_of[vertex as usize].first().copied()) {
+        let guess = on_chart.or(self.wedges_of[vertex as usize].first().copied());
+        if let Some(guess) = guess {
             let context = match (across.is_some(), i) {
                 (true, 0) => 0,
                 (true, _) => 1 + usize::from(!self.shares_gate(corners, 1)),
@@ -42,7 +45,7 @@ impl<C: Coder> Walk<'_, C> {
                 return Ok(own[index(self.coder, own.len(), place, "base mesh: wedge")?]);
             }
         }
-        self.new_wedge(corners, want)
+        self.new_wedge(corners, guess, want)
     }
 
     /// Whether the first `count` corners share the adjacent face's wedges.
@@ -64,7 +67,13 @@ impl<C: Coder> Walk<'_, C> {
         })
     }
 
-    fn new_wedge(&mut self, corners: &Corners, want: Option<u32>) -> Result<u32, DecodeError> {
+    /// `guess` is another wedge of the vertex.
+    fn new_wedge(
+        &mut self,
+        corners: &Corners,
+        guess: Option<u32>,
+        want: Option<u32>,
+    ) -> Result<u32, DecodeError> {
         let i = corners.next;
         let vertex = corners.vertices[i];
         let actual = match (&self.target, want) {
@@ -86,11 +95,11 @@ impl<C: Coder> Walk<'_, C> {
             group,
             ..Expected::default()
         };
-        let uv = self.uv(corners, near, actual.map(|w| w.uv))?;
-        let others = Kinds { uv_bits: 0, ..self.format.kinds };
-        let attributes = code_attributes(self.coder, others, &mut Recent::default(), &expected, actual)?;
+        let (uv, second_uv) = self.uvs(corners, near, guess, actual)?;
+        let others = Kinds { uv_bits: 0, second_uv_bits: 0, ..self.format.kinds };
+        let attributes = code_attributes(self.coder, others, &mut Default::default(), &expected, actual)?;
         let wedge = id32(self.mesh.wedges.len());
-        self.mesh.wedges.push(Wedge { vertex, attributes: Attributes { uv, ..attributes } });
+        self.mesh.wedges.push(Wedge { vertex, attributes: Attributes { uv, second_uv, ..attributes } });
         self.wedges_of[vertex as usize].push(wedge);
         if let (Some(wanted), Some(name)) = (&mut self.target, want) {
             wanted.names.wedge(name);
@@ -98,21 +107,52 @@ impl<C: Coder> Walk<'_, C> {
         Ok(wedge)
     }
 
+    /// Codes both sets of texture coordinates.
+    fn uvs(
+        &mut self,
+        corners: &Corners,
+        near: Option<u32>,
+        guess: Option<u32>,
+        actual: Option<Attributes>,
+    ) -> Result<([i32; 2], [u16; 2]), DecodeError> {
+        let kinds = self.format.kinds;
+        let first = actual.map(|w| w.uv);
+        if kinds.second_uv_bits == 0 {
+            return Ok((self.uv(0, corners, near, first)?, [0; 2]));
+        }
+        let second = actual.map(|w| w.uv_of_set(1));
+        let shared = [0, 1].map(|set| {
+            let uv = self.mesh.wedges[guess? as usize].attributes.uv_of_set(set);
+            Some(SharedUv { uv, place: SHARED_IN_BASE })
+        });
+        let shared_first =
+            if kinds.uv_bits > 0 { code_shared(self.coder, SHARED_UV, shared[0], first) } else { None };
+        let uv = shared_first.map_or_else(|| self.uv(0, corners, near, first), Ok)?;
+        let context = shared_second(kinds, shared[0], uv);
+        let shared_second = code_shared(self.coder, context, shared[1], second);
+        let second_uv = shared_second.map_or_else(|| self.uv(1, corners, near, second), Ok)?;
+        // In range: below 2^16.
+        Ok((uv, second_uv.map(|x| u16::try_from(x).unwrap_or_default())))
+    }
+
+    /// Codes one set of texture coordinates.
     fn uv(
         &mut self,
+        set: usize,
         corners: &Corners,
         near: Option<u32>,
         actual: Option<[i32; 2]>,
     ) -> Result<[i32; 2], DecodeError> {
         let mut uv = [0; 2];
-        if self.format.kinds.uv_bits == 0 {
+        let bits = self.format.kinds.uv_bits_of_set(set);
+        if bits == 0 {
             return Ok(uv);
         }
-        let candidates = self.next_uv_candidates(corners, near);
-        let top = (1 << self.format.kinds.uv_bits) - 1;
+        let candidates = self.next_uv_candidates(set, corners, near);
+        let top = (1 << bits) - 1;
         let mut other = UNKNOWN;
         for axis in 0..2 {
-            let known = &self.uv_candidates;
+            let known = &self.uv_candidates[set];
             let mut candidates = candidates.map(|guess| guess.map(|guess| guess[axis].clamp(0, top)));
             if self.choosing {
                 candidates[FIRST_RECENT..].copy_from_slice(known.recent_values[axis].values());
@@ -125,7 +165,7 @@ impl<C: Coder> Walk<'_, C> {
                 self.choosing,
                 actual.map(|uv| uv[axis]),
             );
-            let known = &mut self.uv_candidates;
+            let known = &mut self.uv_candidates[set];
             let residual = actual.map_or(0, |uv| uv[axis] - choice.value);
             let got = UV[axis].code(self.coder, choice.size, known.recent.class(axis), other, residual);
             uv[axis] = choice.value.wrapping_add(got);
@@ -140,19 +180,25 @@ impl<C: Coder> Walk<'_, C> {
     }
 
     /// Candidates for a new wedge's texture coordinates; see [`CANDIDATES`].
-    fn next_uv_candidates(&self, corners: &Corners, near: Option<u32>) -> [Option<[i32; 2]>; CANDIDATES] {
-        let uv = |wedge: usize| self.mesh.wedges[wedge].attributes.uv;
+    fn next_uv_candidates(
+        &self,
+        set: usize,
+        corners: &Corners,
+        near: Option<u32>,
+    ) -> [Option<[i32; 2]>; CANDIDATES] {
+        let uv = |wedge: usize| self.mesh.wedges[wedge].attributes.uv_of_set(set);
         let place = |wedge: u32| self.place(self.mesh.wedges[wedge as usize].vertex);
         let moved = |like: [i32; 2], from: [i32; 2], to: [i32; 2]| [0, 1].map(|k| like[k] + to[k] - from[k]);
-        let ratio = self.format.uv_ratio;
+        let ratio = self.format.uv_ratios[set];
         let beside = near.map_or([0; 2], |w| uv(w as usize));
         let places = corners.vertices.map(|v| self.place(v));
         let mut candidates = [None; CANDIDATES];
         candidates[NEIGHBOUR] = Some(beside);
-        candidates[SAME_ORIENTATION] = self.uv_candidates.orientation[orientation(places)].map(|wedges| {
-            let chart = Chart { at: wedges.map(place), uv: wedges.map(|w| uv(w as usize)) };
-            chart.affine(places[corners.next])
-        });
+        candidates[SAME_ORIENTATION] =
+            self.uv_candidates[set].orientation[orientation(places)].map(|wedges| {
+                let chart = Chart { at: wedges.map(place), uv: wedges.map(|w| uv(w as usize)) };
+                chart.affine(places[corners.next])
+            });
         if let (2, Some(gate)) = (corners.next, corners.gate.filter(|_| self.shares_gate(corners, 2))) {
             let opposite = self.mesh.faces[gate.face as usize].wedges[corner::previous(gate.k)];
             let wedges = [corners.wedges[0], corners.wedges[1], opposite];
@@ -213,7 +259,7 @@ mod tests {
     ) -> [Option<Uv>; CANDIDATES] {
         let kinds = Kinds { uv_bits: 8, ..Kinds::default() };
         let mut coder = NullCoder;
-        let format = BaseFormat { bits: 8, kinds, materials: 1, parts: 1, uv_ratio };
+        let format = BaseFormat { bits: 8, kinds, materials: 1, parts: 1, uv_ratios: [uv_ratio; 2] };
         let mut walk = Walk::new(&mut coder, format, u64::MAX, true);
         walk.mesh.positions = SQUARE.to_vec();
         for (vertex, uv) in (0..).zip([map(SQUARE[0]), map(SQUARE[1]), map(SQUARE[2]), OTHER_CHART]) {
@@ -222,7 +268,7 @@ mod tests {
         }
         walk.mesh.faces = vec![Face { wedges: [0, 1, 2], material: 0 }];
         set(&mut walk);
-        walk.next_uv_candidates(corners, near)
+        walk.next_uv_candidates(0, corners, near)
     }
 
     /// Indices of the candidates that are given.
@@ -288,7 +334,7 @@ mod tests {
         let corners = Corners { gate: None, across: [None; 3], ..across(0, [0; 3]) };
         let orientation = |places: [[i32; 3]; 3]| {
             let set = |walk: &mut Walk<'_, NullCoder>| {
-                walk.uv_candidates.follow(places.map(|p| p.map(f64::from)), [0, 1, 2]);
+                walk.uv_candidates[0].follow(places.map(|p| p.map(f64::from)), [0, 1, 2]);
             };
             let [first, second, third] = [0, 1, 2]
                 .map(|next| candidates(&Corners { next, ..corners }, None, 1.0, set)[SAME_ORIENTATION]);

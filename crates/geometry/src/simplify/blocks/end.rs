@@ -7,7 +7,7 @@ use crate::simplify::hierarchy::Bounds;
 use crate::simplify::packed::{halves, list, put, put_wedges, real, wedges};
 
 /// Version of the layout.
-const LAYOUT: u32 = 1;
+const LAYOUT: u32 = 2;
 
 /// The remaining mesh of one or several blocks, in the complete mesh's ids.
 #[derive(Clone, Debug, Default, PartialEq)]

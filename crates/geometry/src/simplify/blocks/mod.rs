@@ -117,7 +117,7 @@ impl CompleteMesh<'_> {
         let (block, names) = part(mesh, wedges, faces, &|at| mesh.faces[faces[at] as usize].wedges);
         let locked: Vec<bool> = names.vertices().iter().map(|&v| cut.is_shared(v)).collect();
         let mut live = Live::new(&block, settings.codec);
-        let mut deviation = Deviation::new(&live, block.uv_grid, pool)?;
+        let mut deviation = Deviation::new(&live, pool)?;
         let limit = Limit::new(&live, settings.base_error * diagonal, diagonal);
         // Corners of large, thin components are locked only after the blocks: finding them needs the complete mesh,
         // and fine levels keep corners to within their small errors.

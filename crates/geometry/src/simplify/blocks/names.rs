@@ -149,6 +149,7 @@ pub(crate) fn part(
     let mesh = QuantisedMesh {
         grid: whole.grid,
         uv_grid: whole.uv_grid,
+        second_uv_grid: whole.second_uv_grid,
         positions: vertices.iter().map(|v| whole.positions[v as usize]).collect(),
         wedges: used
             .iter()

@@ -40,6 +40,7 @@ pub(crate) fn all() -> Vec<(&'static str, SourceMesh)> {
         ("parts of one component each", shapes::parts(shapes::frigate(12), 192)),
         ("parts that touch", shapes::parts(shapes::height_field(40), 100)),
         ("skinned torus", shapes::skinned(shapes::torus(30, 50))),
+        ("lightmapped torus", shapes::lightmapped(shapes::torus(30, 50), 2)),
     ]
 }
 

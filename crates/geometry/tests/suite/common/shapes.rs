@@ -1,5 +1,7 @@
 //! Mesh generators.
 
+use std::collections::BTreeMap;
+
 use lodestream_geometry::mesh::skin::Skin;
 use lodestream_geometry::mesh::{Corner, SourceMesh};
 use lodestream_geometry::random::Random;
@@ -320,6 +322,43 @@ pub(crate) fn skinned(mut mesh: SourceMesh) -> SourceMesh {
     mesh
 }
 
+/// The surface with a second set of texture coordinates as of a lightmap: the faces of each of `cells`³ boxes that look
+/// along an axis are one chart, projected along it; the charts are packed on a grid.
+pub(crate) fn lightmapped(mut mesh: SourceMesh, cells: u32) -> SourceMesh {
+    let across = |axis: usize| mesh.positions.iter().map(move |p| p[axis]);
+    let low = [0, 1, 2].map(|axis| across(axis).fold(f64::INFINITY, f64::min));
+    let size = [0, 1, 2].map(|axis| across(axis).fold(f64::NEG_INFINITY, f64::max) - low[axis]);
+    let size = size.into_iter().fold(0.0, f64::max);
+    let side = (6.0 * f64::from(cells).powi(3)).sqrt().ceil();
+    let mut known = BTreeMap::new();
+    for face in &mut mesh.faces {
+        let [a, b, c] = face.map(|corner| mesh.positions[corner.position as usize]);
+        let [e, f] = [b, c].map(|p| [0, 1, 2].map(|k| p[k] - a[k]));
+        let normal = [0, 1, 2].map(|k| e[(k + 1) % 3] * f[(k + 2) % 3] - e[(k + 2) % 3] * f[(k + 1) % 3]);
+        let main = (0..3).max_by(|&x, &y| normal[x].abs().total_cmp(&normal[y].abs())).unwrap_or(0);
+        // Where the middle is, in cells.
+        let at = [0, 1, 2].map(|k| (a[k] + b[k] + c[k]) / 3.0 - low[k]);
+        let cell = at.map(|x| ((x / size * f64::from(cells)) as u32).min(cells - 1));
+        let chart =
+            cell.into_iter().fold(main as u32 * 2 + u32::from(normal[main] < 0.0), |n, k| n * cells + k);
+        for corner in face {
+            let next = mesh.second_uvs.len() as u32;
+            corner.second_uv = *known.entry((corner.position, chart)).or_insert(next);
+            if corner.second_uv == next {
+                let p = mesh.positions[corner.position as usize];
+                let [x, y] = [1, 2].map(|k| {
+                    let k = (main + k) % 3;
+                    let inside = (p[k] - low[k]) / size * f64::from(cells) - f64::from(cell[k]);
+                    0.1 + 0.8 * inside
+                });
+                let (column, row) = (f64::from(chart) % side, (f64::from(chart) / side).floor());
+                mesh.second_uvs.push([(column + x) / side, (row + y) / side].map(|x| x as f32));
+            }
+        }
+    }
+    mesh
+}
+
 /// The surface cut into parts of `faces` faces.
 pub(crate) fn parts(mut mesh: SourceMesh, faces: usize) -> SourceMesh {
     mesh.parts = (0..mesh.faces.len()).map(|face| (face / faces) as u32).collect();
@@ -329,9 +368,10 @@ pub(crate) fn parts(mut mesh: SourceMesh, faces: usize) -> SourceMesh {
 /// Joins two meshes, moving the second.
 pub(crate) fn join(mut a: SourceMesh, b: &SourceMesh, by: [f64; 3]) -> SourceMesh {
     let (p, t, n) = (a.positions.len() as u32, a.uvs.len() as u32, a.normals.len() as u32);
-    let k = a.colors.len() as u32;
+    let (k, s) = (a.colors.len() as u32, a.second_uvs.len() as u32);
     a.positions.extend(b.positions.iter().map(|q| [0, 1, 2].map(|k| q[k] + by[k])));
     a.uvs.extend(&b.uvs);
+    a.second_uvs.extend(&b.second_uvs);
     a.normals.extend(&b.normals);
     a.colors.extend(&b.colors);
     let shift = |index: u32, by: u32| if index == u32::MAX { index } else { index + by };
@@ -339,6 +379,7 @@ pub(crate) fn join(mut a: SourceMesh, b: &SourceMesh, by: [f64; 3]) -> SourceMes
         f.map(|c| Corner {
             position: c.position + p,
             uv: shift(c.uv, t),
+            second_uv: shift(c.second_uv, s),
             normal: shift(c.normal, n),
             color: shift(c.color, k),
         })

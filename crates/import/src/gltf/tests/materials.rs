@@ -1,6 +1,6 @@
 //! Materials: every field, defaults of missing fields, and invalid values.
 
-use lodestream_scene::asset::{Alpha, MAX_EMISSION, Material, Wrap};
+use lodestream_scene::asset::{Alpha, MAX_EMISSION, Material, SecondUv, Wrap};
 use serde_json::{Value, json};
 
 use super::Model;
@@ -99,24 +99,26 @@ fn unlit_materials_have_their_colour_alone() {
 }
 
 #[test]
-fn maps_with_coordinates_of_their_own_are_left_out_by_name() {
+fn maps_of_a_third_kind_of_coordinates_are_left_out_by_name() {
     let turned = json!({"KHR_texture_transform": {"offset": [0.25, 0], "texCoord": 1}});
+    let moved = json!({"KHR_texture_transform": {"offset": [0.5, 0]}});
     let mut model = textured(json!({
         "name": "wall",
         "normalTexture": {"index": 2, "extensions": turned},
         "occlusionTexture": {"index": 3},
-        "emissiveTexture": {"index": 4, "texCoord": 0, "extensions": turned}, "emissiveFactor": [1, 1, 1],
+        "emissiveTexture": {"index": 4, "extensions": moved}, "emissiveFactor": [1, 1, 1],
     }));
     let uvs = model.json["meshes"][0]["primitives"][0]["attributes"]["TEXCOORD_0"].clone();
     model.primitive()["attributes"]["TEXCOORD_1"] = uvs;
     let imported = model.read().unwrap();
-    let maps = &imported.materials[0].maps;
-    // Without a base colour texture, the first map determines the texture coordinates.
-    assert!(maps.normal.is_some() && maps.emission.is_some());
-    assert_eq!(imported.mesh.uvs[0], [0.25, 1.0]);
-    assert!(maps.surface.is_empty());
-    let [warning, _unused] = &imported.warnings[..] else { panic!("{:?}", imported.warnings) };
-    for part in ["\"wall\"", "its occlusion texture", "other texture coordinates than its normal texture"] {
+    let ImportedMaterial { material, maps, .. } = &imported.materials[0];
+    // Without a base colour texture, the first map determines the first set.
+    assert!(maps.normal.is_some() && maps.surface.occlusion.is_some());
+    assert_eq!(material.second_uv, SecondUv { surface: true, ..SecondUv::default() });
+    assert_eq!((imported.mesh.uvs[0], imported.mesh.second_uvs[0]), ([0.25, 1.0], [0.0, 1.0]));
+    assert!(maps.emission.is_none() && material.emission == [0.0; 3]);
+    let [warning] = &imported.warnings[..] else { panic!("{:?}", imported.warnings) };
+    for part in ["\"wall\"", "its emissive texture", "than its normal texture and its occlusion texture"] {
         assert!(warning.contains(part), "{warning:?} lacks {part:?}");
     }
 }
@@ -145,68 +147,45 @@ fn five_maps(own: &[usize], coordinates: &Value) -> Model {
 fn there(maps: &MaterialMaps) -> [bool; 5] {
     let SurfaceMap { occlusion, roughness, metallic, .. } = &maps.surface;
     assert_eq!(roughness.is_some(), metallic.is_some());
+    assert!(occlusion.is_none() || maps.occlusion.is_none());
     [
         maps.color.is_some(),
         roughness.is_some(),
         maps.normal.is_some(),
-        occlusion.is_some(),
+        occlusion.is_some() || maps.occlusion.is_some(),
         maps.emission.is_some(),
     ]
 }
 
 /// Each map with each kind of texture coordinates: another set, a transform, and a transform that names another set.
 #[test]
-fn each_map_with_coordinates_of_its_own_is_named_with_what_to_do() {
-    let names = [
-        "base colour texture",
-        "metallic-roughness texture",
-        "normal texture",
-        "occlusion texture",
-        "emissive texture",
-    ];
+fn each_map_may_have_coordinates_of_its_own() {
     let kinds = [
         json!({"texCoord": 1}),
         json!({"extensions": {"KHR_texture_transform": {"offset": [0.25, 0.5], "rotation": 0.5, "scale": [2, 3]}}}),
         json!({"extensions": {"KHR_texture_transform": {"texCoord": 1}}}),
     ];
     for kind in &kinds {
+        let alone = five_maps(&[0, 1, 2, 3, 4], kind).read().unwrap().mesh.uvs;
         for number in 0..5 {
             let imported = five_maps(&[number], kind).read().unwrap();
-            let about =
-                |name: &str| imported.warnings.iter().filter(|w| w.contains(&format!("its {name} "))).count();
-            // The base colour comes first: if it is the odd one, all others are left out.
-            let left_out: Vec<_> = (1..5).filter(|other| number == 0 || *other == number).collect();
-            assert_eq!(
-                there(&imported.materials[0].maps),
-                [0, 1, 2, 3, 4].map(|i| !left_out.contains(&i)),
-                "{kind}"
-            );
-            for (i, name) in names.iter().enumerate() {
-                assert_eq!(
-                    about(name),
-                    usize::from(left_out.contains(&i)),
-                    "{name}: {:?}",
-                    imported.warnings
-                );
-            }
-            for part in ["a.glb", "\"wall\"", "its base colour texture, and is left out; give both the same"]
-            {
-                assert!(
-                    imported.warnings.iter().any(|warning| warning.contains(part)),
-                    "{:?}",
-                    imported.warnings
-                );
-            }
-            // Maps that are left out make nothing metallic or emissive.
-            let material = &imported.materials[0].material;
-            assert_eq!(material.metallic, if left_out.contains(&1) { 0.0 } else { 1.0 });
-            assert_eq!(material.emission, if left_out.contains(&4) { [0.0; 3] } else { [1.0; 3] });
+            let ImportedMaterial { material, maps, .. } = &imported.materials[0];
+            assert_eq!(there(maps), [true; 5], "{kind}");
+            assert!(!imported.warnings.iter().any(|w| w.contains("left out")), "{:?}", imported.warnings);
+            // The base colour comes first: if it is the odd one, all others use the second set.
+            let second = [0, 1, 2, 3, 4].map(|i| (i == number) != (number == 0));
+            let SecondUv { color, surface, normal, emission } = material.second_uv;
+            let apart = maps.occlusion.is_some();
+            assert_eq!([color, surface, normal, surface != apart, emission], second, "{kind}");
+            let other = if number == 0 { &imported.mesh.uvs } else { &imported.mesh.second_uvs };
+            assert_eq!(other, &alone, "{kind}");
         }
         // If all maps have the same coordinates, nothing is left out and the mesh has these coordinates.
         let alike = five_maps(&[0, 1, 2, 3, 4], kind).read().unwrap();
         assert_eq!(there(&alike.materials[0].maps), [true; 5], "{kind}");
         assert!(!alike.warnings.iter().any(|warning| warning.contains("left out")), "{:?}", alike.warnings);
         assert_ne!(alike.mesh.uvs[0], [0.0, 1.0], "{kind}");
+        assert!(alike.mesh.second_uvs.is_empty(), "{kind}");
     }
 }
 

@@ -161,6 +161,7 @@ fn convert(material: &tobj::Material, textures: &mut Textures<'_>) -> ImportedMa
         color: textures.image(color.as_ref()),
         opacity: opacity_texture,
         surface,
+        occlusion: None,
         normal: textures.image(normal.as_ref()),
         emission,
         height: height.and_then(|t| Some(HeightMap { image: textures.image(Some(&t))?, scale: t.bump })),
