@@ -189,7 +189,7 @@ fn errors_at_truncation_points_bound_the_sampled_distance() {
         {
             let truncation_points =
                 asset.infos.iter().filter(|i| i.level == level).map(|i| i.truncation_points.len()).max();
-            for truncation in (0..truncation_points.unwrap_or(0)).step_by(2) {
+            for truncation in (0..truncation_points.unwrap_or(0)).step_by(3) {
                 let member = |(chunk, info): (u32, &ChunkInfo)| {
                     let truncation = (info.level == level && truncation < info.truncation_points.len())
                         .then_some(truncation as u8);

@@ -87,9 +87,9 @@ fn a_preparation_resumes_after_any_storage_failure() {
     for (name, source) in meshes {
         let mesh = quantised(&source);
         for (settings, step) in [
-            (regions(50), 2),
-            (Settings { codec: Codec::Zstd, ..regions(200) }, 3),
-            (in_blocks(700, regions(100)), 5),
+            (regions(50), 7),
+            (Settings { codec: Codec::Zstd, ..regions(200) }, 5),
+            (in_blocks(700, regions(100)), 11),
         ] {
             let expected = prepare(&mesh, &settings, &Hooks::new(&Serial, &Silent)).unwrap();
             for pieces in (0..).step_by(step) {

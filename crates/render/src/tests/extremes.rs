@@ -366,8 +366,8 @@ fn angles_of_view_from_a_tenth_of_a_degree_to_175() {
 
 #[test]
 fn pictures_of_one_pixel_and_of_odd_sides_show_the_same_scene() {
-    const FINER: u32 = 7;
-    for (width, height) in [(1, 1), (1, 9), (7, 1), (3, 2), (33, 17), (61, 43), (127, 5)] {
+    const FINER: u32 = 5;
+    for (width, height) in [(1, 1), (1, 9), (3, 2), (33, 17), (127, 5)] {
         let Some(mut h) = headless(width, height) else { return };
         let Some(mut fine) = headless(FINER * width, FINER * height) else { return };
         let (scene, large) = (Scene::new(&h, 1.0), Scene::new(&fine, 1.0));
