@@ -26,6 +26,7 @@ const GROUPS: [Group; 9] = [
         usual: &[
             "headless",
             "output",
+            "picture_size",
             "transparent",
             "turntable",
             "camera_path",

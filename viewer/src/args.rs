@@ -85,8 +85,11 @@ pub(crate) struct Args {
     /// there. May be repeated, up to three planes
     #[arg(long, value_name = "X,Y,Z,D", allow_hyphen_values = true)]
     pub(crate) section: Vec<SectionArg>,
-    /// Write a picture with a transparent background
-    #[arg(long, requires = "headless")]
+    /// Size of the pictures that a key of the window writes [default: the window's]
+    #[arg(long, value_name = "WxH", conflicts_with = "headless")]
+    pub(crate) picture_size: Option<Size>,
+    /// Write pictures with a transparent background
+    #[arg(long)]
     pub(crate) transparent: bool,
     /// Write this many pictures from around the camera's target, numbered from FILE-0001.png
     #[arg(long, value_name = "PICTURES", requires = "headless",

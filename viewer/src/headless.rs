@@ -8,7 +8,7 @@ use anyhow::{Context, bail};
 use image::RgbaImage;
 use lodestream_client::net::{Address, Retry};
 use lodestream_client::streaming::{Controls, Status, Streaming};
-use lodestream_render::{AntiAliasing, Counters, Frame, Gpu, Headless, SceneView, Settings};
+use lodestream_render::{Counters, Frame, Gpu, Headless, SceneView, Settings};
 use lodestream_scene::description::Camera;
 use lodestream_scene::view::View;
 
@@ -256,17 +256,7 @@ fn picture(
         while draw_with(headless, scene, args, camera, settings, f32::MAX)?.is_unfinished() {}
         Ok(headless.picture()?)
     };
-    if !args.transparent {
-        return drawn(&usual);
-    }
-    // Bloom would spread the white background, noise would differ, and a mean of frames would mix both.
-    let anti_aliasing = match usual.anti_aliasing {
-        AntiAliasing::Temporal => AntiAliasing::Spatial,
-        other => other,
-    };
-    let usual = Settings { anti_aliasing, bloom: None, dither: false, ..usual };
-    let plain = |radiance| Settings { background: Some([radiance; 3]), ..usual };
-    Ok(matte::matte(&drawn(&plain(0.0))?, &drawn(&plain(matte::WHITE))?))
+    if args.transparent { matte::drawn(&usual, drawn) } else { drawn(&usual) }
 }
 
 fn draw(

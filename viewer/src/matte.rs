@@ -3,13 +3,34 @@
 //! transparent.
 
 use image::{Rgba, RgbaImage};
+use lodestream_render::{AntiAliasing, Settings};
 
 /// Radiance of the white background; black is 0.
-pub(crate) const WHITE: f32 = 1.0;
+const WHITE: f32 = 1.0;
+
+/// The picture before nothing, of those that `draw` draws with the settings it is given.
+///
+/// # Errors
+/// Those of `draw`.
+pub(crate) fn drawn(
+    usual: &Settings,
+    mut draw: impl FnMut(&Settings) -> anyhow::Result<RgbaImage>,
+) -> anyhow::Result<RgbaImage> {
+    // Bloom would spread the white background, noise would differ, and a mean of frames would mix both.
+    let anti_aliasing = match usual.anti_aliasing {
+        AntiAliasing::Temporal => AntiAliasing::Spatial,
+        other => other,
+    };
+    let plain = |radiance: f32| {
+        let background = Some([radiance; 3]);
+        Settings { anti_aliasing, bloom: None, dither: false, background, ..*usual }
+    };
+    Ok(matte(&draw(&plain(0.0))?, &draw(&plain(WHITE))?))
+}
 
 /// The picture before nothing, of one before black and one before white, both in sRGB and equally large. Nothing covers
 /// the background where the two differ most.
-pub(crate) fn matte(on_black: &RgbaImage, on_white: &RgbaImage) -> RgbaImage {
+fn matte(on_black: &RgbaImage, on_white: &RgbaImage) -> RgbaImage {
     let differences = on_black
         .pixels()
         .zip(on_white.pixels())

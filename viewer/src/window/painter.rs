@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use anyhow::Context;
+use image::RgbaImage;
 use winit::dpi::PhysicalSize;
 use winit::event_loop::OwnedDisplayHandle;
 use winit::window::Window;
@@ -222,6 +223,34 @@ impl Painter {
         (response.consumed, response.repaint)
     }
 
+    /// Draws a picture of any size that the device allows, until nothing of it is unfinished.
+    pub(super) fn draw_apart(
+        &mut self,
+        [width, height]: [u32; 2],
+        mut draw: impl FnMut(&mut DrawScene<'_>) -> anyhow::Result<Counters>,
+    ) -> anyhow::Result<RgbaImage> {
+        let device = &self.gpu.device;
+        let size = wgpu::Extent3d { width, height, depth_or_array_layers: 1 };
+        let usage = wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC;
+        let texture = target(device, "picture", size, self.config.format, usage);
+        let view = texture.create_view(&Default::default());
+        loop {
+            let mut encoder = device.create_command_encoder(&Default::default());
+            let (gpu, renderer) = (&self.gpu, &mut self.renderer);
+            let counters = draw(&mut |frame| {
+                Ok(renderer.record(gpu, &mut encoder, &Target::colour(&view, (width, height)), frame)?)
+            })?;
+            let copy = match counters.is_unfinished() {
+                true => None,
+                false => Some(TargetCopy::record(gpu, &mut encoder, &texture)?),
+            };
+            gpu.queue.submit([encoder.finish()]);
+            if let Some(copy) = copy {
+                return Ok(copy.picture(gpu)?);
+            }
+        }
+    }
+
     /// Whether [`Below::Kept`] would show a picture of the present size.
     pub(super) fn has_kept(&self) -> bool {
         let size = self.size();
@@ -342,14 +371,25 @@ impl Painter {
 
 /// A texture that a picture of this kind can be copied to and from.
 fn keeping(device: &wgpu::Device, like: &wgpu::Texture) -> wgpu::Texture {
+    let usage = wgpu::TextureUsages::COPY_SRC | wgpu::TextureUsages::COPY_DST;
+    target(device, "kept picture", like.size(), like.format(), usage)
+}
+
+fn target(
+    device: &wgpu::Device,
+    label: &'static str,
+    size: wgpu::Extent3d,
+    format: wgpu::TextureFormat,
+    usage: wgpu::TextureUsages,
+) -> wgpu::Texture {
     device.create_texture(&wgpu::TextureDescriptor {
-        label: Some("kept picture"),
-        size: like.size(),
+        label: Some(label),
+        size,
         mip_level_count: 1,
         sample_count: 1,
         dimension: wgpu::TextureDimension::D2,
-        format: like.format(),
-        usage: wgpu::TextureUsages::COPY_SRC | wgpu::TextureUsages::COPY_DST,
+        format,
+        usage,
         view_formats: &[],
     })
 }

@@ -5,6 +5,8 @@ mod commands;
 mod open;
 mod overlay_state;
 mod parts;
+mod pending_picture;
+mod picture;
 mod playing;
 mod pointer;
 mod source;
@@ -47,6 +49,7 @@ use crate::outcome::describe_missing;
 use crate::recent;
 use crate::run::settings;
 use animation::Animation;
+use pending_picture::PendingPicture;
 use streams::{NextScene, Notify, Opening, title};
 
 /// Interval of checks for finished terrain tiles while nothing else changes.
@@ -123,6 +126,10 @@ pub(super) struct Running {
     rise: f64,
     /// What the last picture was drawn with, if it was final: frames in which the overlay alone changes show it again.
     last: Option<Drawn>,
+    /// A picture that is not the window's and waits for what it shows.
+    picture: Option<PendingPicture>,
+    /// Whether a key asked for a picture.
+    wants_picture: bool,
     /// A message about a written picture, and until when it is shown.
     notice: Option<(Duration, String)>,
     /// Whether an event requires a frame.
@@ -230,6 +237,8 @@ impl Running {
             ground_moves: false,
             rise: 0.0,
             last: None,
+            picture: None,
+            wants_picture: false,
             notice: None,
             dirty: false,
             shown: FrameLog::default(),
@@ -265,10 +274,12 @@ impl Running {
             // below it.
             view.eye[1] -= self.rise;
             let shadows = Some(self.choices.shadows);
-            let next = self.next.as_ref().map(|next| &next.streaming);
-            for streaming in self.streaming.iter().chain(next) {
+            let control = |streaming: &Streaming, view| {
                 streaming.control(Controls { view: Some(view), shadows, leave: false });
-            }
+            };
+            let of_picture = self.picture.as_ref().map_or(view, |picture| picture.view);
+            self.streaming.iter().for_each(|streaming| control(streaming, of_picture));
+            self.next.iter().for_each(|next| control(&next.streaming, view));
         }
     }
 
@@ -337,6 +348,15 @@ impl Running {
 
     /// Draws a frame; returns the time until the next.
     pub(super) fn frame(&mut self, args: &Args) -> anyhow::Result<Duration> {
+        if std::mem::take(&mut self.wants_picture) {
+            self.take_picture(args);
+        }
+        self.advance_picture(args);
+        let wait = self.draw_frame(args)?;
+        Ok(if self.picture.is_some() { wait.min(TILES_INTERVAL) } else { wait })
+    }
+
+    fn draw_frame(&mut self, args: &Args) -> anyhow::Result<Duration> {
         if self.update_parts(args)? {
             self.scene_changed();
         }
@@ -358,7 +378,8 @@ impl Running {
         self.frame_ms = began.elapsed().as_secs_f64() * 1e3;
         let shows = painted.counters.is_some();
         if let Some(picture) = painted.picture {
-            self.write_picture(picture);
+            let picture = picture.picture(&self.painter.gpu).map_err(anyhow::Error::from);
+            self.save_picture(picture);
         }
         let full = !self.choices.adapt || self.quality.is_full();
         if let Some(counters) = painted.counters {

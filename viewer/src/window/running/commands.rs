@@ -3,11 +3,12 @@
 use std::path::Path;
 use std::time::Duration;
 
-use lodestream_render::TargetCopy;
+use image::RgbaImage;
 use winit::keyboard::KeyCode;
 use winit::window::Fullscreen;
 
 use super::Running;
+use crate::args::Args;
 use crate::window::keyboard::{self, Action};
 use crate::window::overlay::Panel;
 use crate::window::screenshot;
@@ -64,11 +65,7 @@ impl Running {
             Action::Leave if self.measure.is_active() => self.measure.toggle(),
             Action::Leave if self.choices.panel.is_some() => self.choices.panel = None,
             Action::Leave => self.painter.window.set_fullscreen(None),
-            Action::Picture => {
-                if let Err(why) = self.painter.take_picture() {
-                    self.fail_to_write(&why);
-                }
-            }
+            Action::Picture => self.wants_picture = true,
             Action::Play | Action::NextClip | Action::PreviousClip => self.act_on_animation(action),
             Action::Quit => return Ok(true),
             other => {
@@ -86,9 +83,20 @@ impl Running {
         self.choices.panel = (self.choices.panel != Some(panel)).then_some(panel);
     }
 
+    /// Has the next frame copied, or begins a picture that the window does not show.
+    pub(super) fn take_picture(&mut self, args: &Args) {
+        let taken = match self.begin_picture(args) {
+            Ok(false) => self.painter.take_picture(),
+            begun => begun.map(drop),
+        };
+        if let Err(why) = taken {
+            self.fail_to_write(&why);
+        }
+        self.dirty = true;
+    }
+
     /// Writes a picture into the current folder, and says so.
-    pub(super) fn write_picture(&mut self, copy: TargetCopy) {
-        let picture = copy.picture(&self.painter.gpu).map_err(anyhow::Error::from);
+    pub(super) fn save_picture(&mut self, picture: anyhow::Result<RgbaImage>) {
         match picture.and_then(|picture| screenshot::write(Path::new(""), &picture)) {
             Ok(path) => {
                 tracing::info!("{} is written", path.display());
@@ -109,7 +117,7 @@ impl Running {
         self.notify_user(message);
     }
 
-    fn notify_user(&mut self, message: String) {
+    pub(super) fn notify_user(&mut self, message: String) {
         self.notice = Some((self.now() + NOTICE, message));
         self.painter.window.request_redraw();
         self.dirty = true;

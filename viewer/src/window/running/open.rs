@@ -108,7 +108,7 @@ impl Running {
             (None, SessionStatus::default(), Selection::default());
         (self.part_list, self.measure, self.pivot) =
             (PartList::default(), Measure::default(), Pivot::default());
-        self.section = Section::default();
+        (self.section, self.picture) = (Section::default(), None);
         self.animation = Animation::new(crate::animation::playback(args));
         (self.shown, self.state, self.reported_incomplete) = (FrameLog::default(), State::Refining, false);
         (self.transport, self.stays_open, self.waiting) = (target.transport(), true, None);
@@ -120,7 +120,7 @@ impl Running {
 
     /// What is shown cannot be: the window is empty, with a message.
     pub(in crate::window) fn give_up(&mut self, why: &str) {
-        (self.streaming, self.files, self.next) = (None, None, None);
+        (self.streaming, self.files, self.next, self.picture) = (None, None, None, None);
         self.status = SessionStatus::default();
         self.warn(why.to_owned());
     }

@@ -71,6 +71,8 @@ impl Running {
         tracing::debug!(?now, "the next scene is shown");
         self.streaming = Some(next.streaming);
         self.scene = next.scene;
+        // Asked of the scene before.
+        self.wants_picture |= self.picture.take().is_some();
         self.animation.forget();
         self.status = SessionStatus::default();
         self.status.take(next.status);
