@@ -3,7 +3,7 @@
 use clap::Args;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use lodestream_bake::preparation_settings::{
-    Batching, BlockFaces, CodecChoice, CreaseAngle, NormalTolerance, PositionBits, Precision,
+    Batching, BlockFaces, CodecChoice, CreaseAngle, Effort, NormalTolerance, PositionBits, Precision,
     PreparationSettings, ReliefDepth, Round, TextureQuality, Tolerance, UvBits,
 };
 use lodestream_geometry::{Metric, Named};
@@ -58,6 +58,10 @@ pub(super) struct PreparationArguments {
     /// Quality of textures (WebP), 1 to 100; 100 is lossless [default: 80].
     #[arg(long, value_name = "N")]
     texture_quality: Option<TextureQuality>,
+    /// Work that goes into small packs: full, or least, for packs that stay on a machine: faster, with more bytes, and
+    /// chunks that are not sent in part [default: full].
+    #[arg(long, value_name = "EFFORT", value_parser = by_name::<Effort>())]
+    effort: Option<Effort>,
 }
 
 /// Preparation settings of scenes, whose models may have many meshes.
@@ -95,6 +99,7 @@ impl PreparationArguments {
             block_faces: self.block_faces,
             relief_depth: self.relief_depth,
             texture_quality: self.texture_quality,
+            effort: self.effort,
             // One model is one pack.
             batching: None,
             proxies: None,

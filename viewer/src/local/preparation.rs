@@ -8,7 +8,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use anyhow::{Context as _, bail};
-use lodestream_bake::prepare::{Options, Watch, cache};
+use lodestream_bake::prepare::{Options, Watch, cache, prefer_least_effort};
 use lodestream_bake::scene::{self, Scene, UpAxis};
 use lodestream_bake::sources::Sources;
 use lodestream_bake::stderr::one_line;
@@ -192,6 +192,9 @@ impl<N: Fn() + Clone + Send + 'static> Worker<N> {
                 bail!("--up is for models: a scene file says itself how its models stand");
             }
             scene.up = self.options.up;
+            if self.share.is_none() {
+                prefer_least_effort(&mut scene.assets, &self.cache, &sources);
+            }
             let mut read: Vec<PathBuf> = self.files.clone();
             read.extend(scene.files.iter().chain(scene.assets.iter().map(|asset| &asset.file)).cloned());
             read.sort_unstable();
@@ -363,13 +366,19 @@ mod tests {
     /// Prepares files until all is done, and returns the scenes in order, which of them are coarse, and the last message.
     /// The thread waits after each change until it was looked at, so that none is missed.
     fn prepared(files: &[PathBuf], cache: &Path) -> anyhow::Result<(Vec<bool>, Option<String>)> {
+        prepared_with(files, options(cache))
+    }
+
+    fn options(cache: &Path) -> LocalOptions {
+        let cache = Some(cache.to_owned());
+        LocalOptions { cache, coarse_first: true, quiet: true, ..LocalOptions::default() }
+    }
+
+    fn prepared_with(
+        files: &[PathBuf],
+        options: LocalOptions,
+    ) -> anyhow::Result<(Vec<bool>, Option<String>)> {
         let (sender, changes) = mpsc::sync_channel(0);
-        let options = LocalOptions {
-            cache: Some(cache.to_owned()),
-            coarse_first: true,
-            quiet: true,
-            ..LocalOptions::default()
-        };
         let preparation = Preparation::start(files.to_vec(), options, move || {
             let _ = sender.send(());
         })?;
@@ -404,6 +413,31 @@ mod tests {
         assert_eq!(prepared(std::slice::from_ref(&model), &cache).unwrap(), (vec![true, false], None));
         assert_eq!(prepared(&[model], &cache).unwrap(), (vec![false], None));
         assert_eq!(left(&cache), Vec::<String>::new());
+    }
+
+    /// Of each pack in a cache folder, whether it was prepared with the least effort.
+    fn made_with_least_effort(cache: &Path) -> Vec<bool> {
+        let paths = std::fs::read_dir(cache).unwrap().map(|entry| entry.unwrap().path());
+        let packs = paths.filter(|path| path.extension().is_some_and(|extension| extension == "lsp"));
+        let settings = |path: PathBuf| lodestream_store::PackFile::open(&path).unwrap().settings().unwrap();
+        packs.map(|path| settings(path).ends_with(", effort least")).collect()
+    }
+
+    #[test]
+    fn packs_that_stay_here_are_made_with_the_least_effort_and_shared_ones_with_all() {
+        let folder = tempfile::tempdir().unwrap();
+        let (model, cache) = (folder.path().join("a.obj"), folder.path().join("cache"));
+        write_hills(&model, 4);
+        prepared(std::slice::from_ref(&model), &cache).unwrap();
+        assert_eq!(made_with_least_effort(&cache), [true]);
+        let share = "127.0.0.1:0".parse().ok();
+        prepared_with(std::slice::from_ref(&model), LocalOptions { share, ..options(&cache) }).unwrap();
+        let mut both = made_with_least_effort(&cache);
+        both.sort_unstable();
+        assert_eq!(both, [false, true]);
+        // The small one is there now.
+        prepared(&[model], &cache).unwrap();
+        assert_eq!(made_with_least_effort(&cache).len(), 2);
     }
 
     #[test]

@@ -8,10 +8,11 @@ use lodestream_geometry::{Metric, Settings};
 
 use lodestream_import::CreaseAngle;
 use lodestream_import::setting::InvalidValue;
-use lodestream_import::texture::TextureQuality;
+use lodestream_import::texture::{TextureQuality, TextureSettings};
 
 use super::batching::Batching;
 use super::codec_choice::CodecChoice;
+use super::effort::Effort;
 use super::setting::{
     BlockFaces, NormalTolerance, PositionBits, RegionFaces, ReliefDepth, Round, Tolerance, UvBits,
 };
@@ -48,6 +49,8 @@ pub struct PreparationSettings {
     pub relief_depth: Option<ReliefDepth>,
     /// Quality of textures.
     pub texture_quality: Option<TextureQuality>,
+    /// Work that goes into small packs.
+    pub effort: Option<Effort>,
     /// Which assets the meshes of a file become. No pack contains it.
     pub batching: Option<Batching>,
     /// Whether scenes of many instances get proxies. No pack contains it.
@@ -69,6 +72,7 @@ impl PreparationSettings {
             block_faces: self.block_faces.or(other.block_faces),
             relief_depth: self.relief_depth.or(other.relief_depth),
             texture_quality: self.texture_quality.or(other.texture_quality),
+            effort: self.effort.or(other.effort),
             batching: self.batching.or(other.batching),
             proxies: self.proxies.or(other.proxies),
         }
@@ -92,7 +96,7 @@ impl PreparationSettings {
     /// Settings of simplification and coding, with the default codec, since the codec may depend on the mesh.
     #[must_use]
     pub fn simplify_settings(&self) -> Settings {
-        let default = Settings::default();
+        let default = self.effort().simplify(Settings::default());
         Settings {
             metric: self.metric.unwrap_or(default.metric),
             round_share: self.round.map_or(default.round_share, Round::share),
@@ -101,10 +105,23 @@ impl PreparationSettings {
         }
     }
 
+    /// How textures are encoded.
+    #[must_use]
+    pub fn texture_settings(&self) -> TextureSettings {
+        let quality = self.texture_quality.unwrap_or_default();
+        TextureSettings { quality, effort: self.effort().textures() }
+    }
+
     /// Where surfaces without normals are smooth.
     #[must_use]
     pub fn crease_angle(&self) -> CreaseAngle {
         self.crease_angle.unwrap_or_default()
+    }
+
+    /// Work that goes into small packs.
+    #[must_use]
+    pub fn effort(&self) -> Effort {
+        self.effort.unwrap_or_default()
     }
 
     /// The codec, or the rule that selects it.
@@ -133,7 +150,8 @@ impl fmt::Display for PreparationSettings {
         self.block_faces.map_or(Ok(()), |faces| write!(f, ", block-faces {}", faces.get()))?;
         self.crease_angle.map_or(Ok(()), |angle| write!(f, ", crease-angle {angle}°"))?;
         self.relief_depth.map_or(Ok(()), |depth| write!(f, ", relief-depth {depth}"))?;
-        self.texture_quality.map_or(Ok(()), |quality| write!(f, ", texture-quality {quality}"))
+        self.texture_quality.map_or(Ok(()), |quality| write!(f, ", texture-quality {quality}"))?;
+        self.effort.map_or(Ok(()), |effort| write!(f, ", effort {effort}"))
     }
 }
 
@@ -197,6 +215,7 @@ impl PreparationSettings {
             "codec" => self.codec = Some(value.parse::<CodecChoice>()?),
             "relief-depth" => self.relief_depth = Some(value.parse()?),
             "texture-quality" => self.texture_quality = Some(value.parse()?),
+            "effort" => self.effort = Some(value.parse::<Effort>()?),
             // Written for information, but not a setting yet.
             "region-faces" => drop(value.parse::<RegionFaces>()?),
             _ => return Ok(false),
@@ -261,6 +280,7 @@ mod tests {
             block_faces: BlockFaces::try_from(1_000_000).ok(),
             relief_depth: ReliefDepth::try_from(0.1).ok(),
             texture_quality: TextureQuality::try_from(90).ok(),
+            effort: Some(Effort::Least),
             batching: None,
             proxies: None,
         };

@@ -9,6 +9,7 @@
 //! | crease angle | [`CreaseAngle`] | 0 to 180 degrees | where surfaces are smooth |
 //! | relief depth | [`ReliefDepth`] | 0 to 1 of texture coordinates | materials |
 //! | texture quality | [`TextureQuality`] | 1 to 100: lossless | textures |
+//! | effort | [`Effort`] | `full`, `least` | bytes of packs, time |
 //! | metric | [`Metric`](lodestream_geometry::Metric) | `qem`, `melax`, `clustering`, `clustering-seams` | order of collapses |
 //! | round size | [`Round`] | `heap`, or a share of 0.01 to 0.5 | order of collapses |
 //! | codec | [`CodecChoice`] | `auto`, `range`, `axis-aligned`, `zstd` | base mesh and chunks |
@@ -24,11 +25,13 @@
 mod batching;
 mod choices;
 mod codec_choice;
+mod effort;
 mod setting;
 
 pub use batching::Batching;
 pub use choices::{Precision, PreparationSettings, ReadError};
 pub use codec_choice::CodecChoice;
+pub use effort::Effort;
 pub use lodestream_import::CreaseAngle;
 pub use lodestream_import::texture::TextureQuality;
 pub use setting::{

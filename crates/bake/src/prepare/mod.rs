@@ -19,7 +19,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant, SystemTime};
 
-use crate::preparation_settings::PreparationSettings;
+use crate::preparation_settings::{Effort, PreparationSettings};
 use lodestream_compress::whole_file::write_atomically;
 use lodestream_compress::{encode_base, prepare_with_hooks};
 use lodestream_geometry::pack::BlobKind;
@@ -27,7 +27,7 @@ use lodestream_geometry::pool::Pool as _;
 use lodestream_geometry::prepare::{Hooks, suit};
 use lodestream_geometry::quantise::quantise;
 use lodestream_geometry::{MeshError, Settings};
-use lodestream_import::{ImportError, Imported, Part};
+use lodestream_import::{ImportError, Imported, Part, is_gltf};
 use lodestream_scene::asset::{DescriptionError, TextureInfo};
 
 use crate::mapping_allocator::MappingAllocator;
@@ -259,6 +259,22 @@ pub fn keys_of(
     let keys = assets.iter().map(key).collect();
     known.write();
     keys
+}
+
+/// Sets the least effort where no pack is in the cache folder and no effort is set: for packs that stay on this machine.
+pub fn prefer_least_effort(assets: &mut [Asset], folder: &Path, sources: &Sources) {
+    let known = KnownKeys::new(sources);
+    let key = |asset: &Asset| match known.get(asset) {
+        Some((key, _)) => Some(key),
+        // Without a memo, the key of a glTF file's meshes may take an import.
+        None if is_gltf(&asset.file) || is_pack(&asset.file) => None,
+        None => Keyed::new(asset, &Options::default(), sources).ok().map(|keyed| keyed.key),
+    };
+    for asset in assets.iter_mut().filter(|asset| asset.preparation_settings.effort.is_none()) {
+        if !key(asset).is_some_and(|key| key.path(folder, &asset.name).is_file()) {
+            asset.preparation_settings.effort = Some(Effort::Least);
+        }
+    }
 }
 
 /// An asset's pack from the cache.

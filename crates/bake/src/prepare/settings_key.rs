@@ -6,12 +6,13 @@ use lodestream_geometry::pack::PACK_VERSION;
 use lodestream_geometry::quantise::{Precision, QuantiseSettings};
 use lodestream_geometry::{Codec, Metric, Settings};
 use lodestream_import::Part;
+use lodestream_import::texture::TextureSettings;
 
-use crate::preparation_settings::{CodecChoice, ReliefDepth, TextureQuality};
+use crate::preparation_settings::{CodecChoice, ReliefDepth};
 use crate::scene::Asset;
 
 /// Version of the encoding. Increment it when a field is added, removed or reordered, or a tag changes its meaning.
-const VERSION: u16 = 4;
+const VERSION: u16 = 5;
 
 /// Everything besides the model's files that determines a pack. Threads and progress do not.
 #[derive(Clone, Debug)]
@@ -30,8 +31,8 @@ pub(super) struct PackSettings<'a> {
     pub(super) codec: CodecChoice,
     /// Depth of relief instead of the materials', in units of texture coordinates.
     pub(super) relief_depth: Option<f32>,
-    /// Quality of textures.
-    pub(super) texture_quality: TextureQuality,
+    /// How textures are encoded.
+    pub(super) textures: TextureSettings,
 }
 
 impl<'a> PackSettings<'a> {
@@ -46,7 +47,7 @@ impl<'a> PackSettings<'a> {
             simplify: asset.simplify_settings(),
             codec: preparation_settings.codec(),
             relief_depth: preparation_settings.relief_depth.map(ReliefDepth::get),
-            texture_quality: preparation_settings.texture_quality.unwrap_or_default(),
+            textures: preparation_settings.texture_settings(),
         }
     }
 }
@@ -62,8 +63,7 @@ impl PackSettings<'_> {
     ///
     /// The patterns name every field, so a new one does not compile until it is encoded here.
     pub(super) fn encode(&self) -> Vec<u8> {
-        let Self { name, ref part, quantise, crease_angle, simplify, codec, relief_depth, texture_quality } =
-            *self;
+        let Self { name, ref part, quantise, crease_angle, simplify, codec, relief_depth, textures } = *self;
         let mut bytes = VERSION.to_le_bytes().to_vec();
         put_count(&mut bytes, name.len());
         bytes.extend(name.as_bytes());
@@ -94,7 +94,8 @@ impl PackSettings<'_> {
             CodecChoice::Codec(Codec::Zstd) => 3,
         });
         put_option(&mut bytes, relief_depth.map(f64::from));
-        bytes.push(texture_quality.get());
+        let TextureSettings { quality, effort } = textures;
+        bytes.extend([quality.get(), effort.get()]);
         bytes
     }
 }
@@ -181,7 +182,7 @@ mod tests {
             simplify: Settings::default(),
             codec: CodecChoice::Auto,
             relief_depth: None,
-            texture_quality: TextureQuality::default(),
+            textures: TextureSettings::default(),
         }
     }
 
@@ -234,7 +235,8 @@ mod tests {
             ("zstd", |s| s.codec = Codec::Zstd.into()),
             ("relief", |s| s.relief_depth = Some(0.0)),
             ("relief depth", |s| s.relief_depth = Some(0.1)),
-            ("texture quality", |s| s.texture_quality = TextureQuality::try_from(100).unwrap()),
+            ("texture quality", |s| s.textures.quality = 100.try_into().unwrap()),
+            ("texture effort", |s| s.textures.effort = 0.try_into().unwrap()),
         ];
         let mut encodings = vec![("default", default().encode())];
         for (name, change) in changes {
@@ -256,7 +258,7 @@ mod tests {
         assert_eq!(bytes[..2], VERSION.to_le_bytes());
         assert_eq!(
             bytes.len(),
-            2 + 9 + 1 + (2 + 1 + 8) + 8 + (3 * 8 + 2 * 8 + 3 * 8 + 1 + 1 + 8 + 8 + 1) + 1 + 1 + 1
+            2 + 9 + 1 + (2 + 1 + 8) + 8 + (3 * 8 + 2 * 8 + 3 * 8 + 1 + 1 + 8 + 8 + 1) + 1 + 1 + 2
         );
     }
 }

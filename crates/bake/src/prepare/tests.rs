@@ -3,13 +3,14 @@
 use std::num::NonZeroUsize;
 use std::path::Path;
 
-use crate::preparation_settings::{Precision, PreparationSettings};
+use crate::preparation_settings::{Effort, Precision, PreparationSettings};
 use lodestream_geometry::Codec;
 use lodestream_geometry::pool::Serial;
 use tempfile::TempDir;
 
-use super::{Cached, Options, prepare_all, prepare_cached};
+use super::{Cached, Options, prefer_least_effort, prepare_all, prepare_all_of, prepare_cached};
 use crate::scene::{self, Asset};
+use crate::sources::Sources;
 
 const TRIANGLE: &str = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
 
@@ -99,6 +100,38 @@ fn a_cached_pack_of_another_model_is_not_served() {
     assert!(again.report.is_some(), "it is prepared anew");
     assert_eq!(again.pack.fingerprint(), right);
     assert!(prepared("other.obj", 2).report.is_none());
+}
+
+const GLTF_TRIANGLE: &str = r#"{"asset": {"version": "2.0"}, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}],
+    "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
+    "accessors": [{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3", "min": [0, 0, 0], "max": [1, 1, 0]}],
+    "bufferViews": [{"buffer": 0, "byteLength": 36}], "buffers": [{"byteLength": 36, "uri":
+    "data:application/octet-stream;base64,AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAA"}]}"#;
+
+#[test]
+fn the_least_effort_is_set_where_no_pack_is_cached_and_none_is_set() {
+    let dir = TempDir::new().unwrap();
+    let cache = dir.path().join("cache");
+    for (name, text) in [("a.obj", TRIANGLE), ("b.obj", TRIANGLE), ("c.gltf", GLTF_TRIANGLE)] {
+        std::fs::write(dir.path().join(name), text).unwrap();
+    }
+    let scene = "[[asset]]\nname = 'a'\nfile = 'a.obj'\n\
+        [[asset]]\nname = 'b'\nfile = 'b.obj'\n\
+        [[asset]]\nname = 'c'\nfile = 'c.gltf'\n\
+        [[asset]]\nname = 'd'\nfile = 'b.obj'\neffort = 'full'\n";
+    let scene = scene::parse(&dir.path().join("scene.toml"), scene).unwrap();
+    let efforts = || {
+        let mut assets = scene.assets.clone();
+        prefer_least_effort(&mut assets, &cache, &Sources::in_folder(&cache));
+        let effort = |asset: &Asset| asset.preparation_settings.effort;
+        assets.iter().map(effort).collect::<Vec<_>>()
+    };
+    let (full, least) = (Some(Effort::Full), Some(Effort::Least));
+    assert_eq!(efforts(), [least, least, least, full]);
+    let options = Options { quiet: true, ..Options::default() };
+    let some = [scene.assets[0].clone(), scene.assets[2].clone()];
+    prepare_all_of(&some, &cache, &options, &Sources::in_folder(&cache), |_, _| {}).unwrap();
+    assert_eq!(efforts(), [None, least, None, full]);
 }
 
 /// glTF files from elsewhere, read and described without preparing their geometry.

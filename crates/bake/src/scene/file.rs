@@ -87,6 +87,7 @@ struct RawAsset {
     block_faces: Option<usize>,
     relief_depth: Option<f32>,
     texture_quality: Option<u8>,
+    effort: Option<String>,
     batch: Option<RawBatch>,
 }
 
@@ -338,6 +339,7 @@ impl Source<'_> {
             block_faces: setting(raw.block_faces).map_err(bad("block_faces"))?,
             relief_depth: setting(raw.relief_depth).map_err(bad("relief_depth"))?,
             texture_quality: setting(raw.texture_quality).map_err(bad("texture_quality"))?,
+            effort: choice(raw.effort.as_deref()).map_err(bad("effort"))?,
             batching: batching.transpose().map_err(bad("batch"))?,
             // A setting of the scene, not of a model.
             proxies: None,

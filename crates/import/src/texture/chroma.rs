@@ -3,7 +3,7 @@
 use image::{ExtendedColorType, ImageError};
 
 use super::encode::Rectangle;
-use super::quality::TextureQuality;
+use super::quality::TextureSettings;
 use super::subsampling::{chroma, lost, mean_square};
 use super::webp;
 
@@ -20,20 +20,20 @@ const LITTLE_LOST: f64 = 2.0;
 pub(super) fn lossy(
     rgb: &[u8],
     whole: Rectangle<'_>,
-    quality: TextureQuality,
+    settings: TextureSettings,
 ) -> Result<Vec<u8>, ImageError> {
     let (width, height) = (whole.width, whole.height);
     if width.max(height) > webp::MAX_SIDE_PX {
-        return whole.jpeg(quality.jpeg());
+        return whole.jpeg(settings.quality.jpeg());
     }
     let lost = lost(rgb, width as usize);
-    let file = webp::opaque(rgb, (width, height), lost, quality)?;
+    let file = webp::opaque(rgb, (width, height), lost, settings)?;
     if whole.format == ExtendedColorType::L8 || lost <= LITTLE_LOST {
         return Ok(file);
     }
     let off = error(&file, rgb)?;
     if off > SMALL_ERROR {
-        let full = whole.jpeg(quality.jpeg())?;
+        let full = whole.jpeg(settings.quality.jpeg())?;
         if WORTH * error(&full, rgb)? <= off {
             return Ok(full);
         }

@@ -13,7 +13,7 @@ use super::encode::{Rectangle, levels};
 use super::error::TextureError;
 use super::levels::Texture;
 use super::mip::{ByOpacity, Plane, linear};
-use super::quality::TextureQuality;
+use super::quality::TextureSettings;
 use super::rows::Rows;
 use super::source::{Opacity, Transparency};
 use super::strips::{STRIP_ROWS, Strips};
@@ -24,7 +24,7 @@ pub(super) fn load(
     image: Option<&ImageSource>,
     opacity: Option<&Channel>,
     used: Opacity,
-    (quality, pool): (TextureQuality, &dyn Pool),
+    (settings, pool): (TextureSettings, &dyn Pool),
 ) -> Result<Texture, TextureError> {
     let mut rows = match (image, opacity) {
         (Some(image), None) => Rows::open(image)?,
@@ -45,7 +45,7 @@ pub(super) fn load(
     let [width_px, height_px] = rows.size();
     let mut strips = Colors { rows, is_opaque: !alpha };
     let encode = |level: usize, plane: &Plane<4>| {
-        encode_image(plane, alpha, coverage.as_ref().map(|c| (c, level)), quality)
+        encode_image(plane, alpha, coverage.as_ref().map(|c| (c, level)), settings)
     };
     let (levels, coarsest) = levels::<4, ByOpacity>((&path, TextureKind::Color), &mut strips, encode, pool)?;
     let mean = Some(coarsest.mean_srgb());
@@ -108,7 +108,7 @@ fn encode_image(
     plane: &Plane<4>,
     alpha: bool,
     coverage: Option<(&Coverage, usize)>,
-    quality: TextureQuality,
+    settings: TextureSettings,
 ) -> Result<Vec<u8>, ImageError> {
     let mut rgba = plane.to_srgb();
     let (width, height) = (plane.width, plane.height);
@@ -118,9 +118,9 @@ fn encode_image(
             coverage.restore(level, &mut rgba);
         }
         let whole = rectangle(&rgba, ExtendedColorType::Rgba8);
-        let lossy = !quality.is_lossless() && width.max(height) <= webp::MAX_SIDE_PX;
+        let lossy = !settings.quality.is_lossless() && width.max(height) <= webp::MAX_SIDE_PX;
         return if lossy {
-            whole.png_or(webp::with_alpha(&rgba, (width, height), quality)?)
+            whole.png_or(webp::with_alpha(&rgba, (width, height), settings)?)
         } else {
             whole.png()
         };
@@ -132,5 +132,9 @@ fn encode_image(
     drop(rgba);
     let whole =
         if grey { rectangle(&one, ExtendedColorType::L8) } else { rectangle(&rgb, ExtendedColorType::Rgb8) };
-    if quality.is_lossless() { whole.png() } else { whole.png_or(chroma::lossy(&rgb, whole, quality)?) }
+    if settings.quality.is_lossless() {
+        whole.png()
+    } else {
+        whole.png_or(chroma::lossy(&rgb, whole, settings)?)
+    }
 }

@@ -36,7 +36,7 @@ pub use decode::{decode, size};
 pub use error::TextureError;
 pub use levels::{Level, Texture};
 pub use limits::{MAX_PIXELS, MAX_SIDE_PX};
-pub use quality::TextureQuality;
+pub use quality::{TextureEffort, TextureQuality, TextureSettings};
 pub use source::{Opacity, TextureSource, Transparency};
 
 /// Reads a texture's images and encodes its mip levels, each in a task of the pool.
@@ -45,16 +45,16 @@ pub use source::{Opacity, TextureSource, Transparency};
 /// See [`TextureError`]. The size is checked before anything is decoded.
 pub fn load(
     source: &TextureSource,
-    quality: TextureQuality,
+    settings: TextureSettings,
     pool: &dyn Pool,
 ) -> Result<Texture, TextureError> {
     match source {
         TextureSource::Color { image, opacity, used } => {
-            color::load(image.as_ref(), opacity.as_ref(), *used, (quality, pool))
+            color::load(image.as_ref(), opacity.as_ref(), *used, (settings, pool))
         }
         TextureSource::Height(image) => height::load(image, pool),
-        TextureSource::Normal(image) => normal::load(image, (quality, pool)),
-        TextureSource::Surface(map) => surface::load(map, (quality, pool)),
+        TextureSource::Normal(image) => normal::load(image, (settings, pool)),
+        TextureSource::Surface(map) => surface::load(map, (settings, pool)),
     }
 }
 

@@ -8,7 +8,7 @@ use super::error::TextureError;
 use super::levels::Texture;
 use super::mip::{Plain, Plane};
 use super::planes;
-use super::quality::TextureQuality;
+use super::quality::TextureSettings;
 use super::rows::Rows;
 use super::source::Transparency;
 use super::strips::{STRIP_ROWS, Strips};
@@ -19,7 +19,7 @@ const ZERO: i32 = 1 << 15;
 
 pub(super) fn load(
     source: &ImageSource,
-    (quality, pool): (TextureQuality, &dyn Pool),
+    (settings, pool): (TextureSettings, &dyn Pool),
 ) -> Result<Texture, TextureError> {
     let mut strips = Normals(Rows::open(source)?);
     let [width_px, height_px] = strips.size();
@@ -28,7 +28,7 @@ pub(super) fn load(
     let encode = |_, plane: &Plane<3>| {
         let bytes: Vec<u8> = plane.samples.iter().flat_map(|s| bytes(unit(s.map(signed)))).collect();
         let Plane { width, height, .. } = *plane;
-        planes::encode(&bytes, (width, height), NORMAL_PLANES, quality)
+        planes::encode(&bytes, (width, height), NORMAL_PLANES, settings)
     };
     let (levels, _) = levels::<3, Plain>((&source.path, TextureKind::Normal), &mut strips, encode, pool)?;
     let transparency = Transparency::None;

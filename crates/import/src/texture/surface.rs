@@ -9,7 +9,7 @@ use super::error::TextureError;
 use super::levels::Texture;
 use super::mip::{Plain, Plane};
 use super::planes;
-use super::quality::TextureQuality;
+use super::quality::TextureSettings;
 use super::rows::Rows;
 use super::source::Transparency;
 use super::strips::{PlaneStrips, STRIP_ROWS, Strips};
@@ -17,7 +17,7 @@ use crate::model::{Channel, Component, ImageSource, SurfaceMap};
 
 pub(super) fn load(
     map: &SurfaceMap,
-    (quality, pool): (TextureQuality, &dyn Pool),
+    (settings, pool): (TextureSettings, &dyn Pool),
 ) -> Result<Texture, TextureError> {
     let path = map.channels().into_iter().flatten().next().map(|c| c.image.path.clone()).unwrap_or_default();
     let mut strips = Surface::open(map)?;
@@ -27,7 +27,7 @@ pub(super) fn load(
     let encode = |_, plane: &Plane<3>| {
         let bytes: Vec<u8> = plane.samples.iter().flat_map(|s| s.map(byte)).collect();
         let Plane { width, height, .. } = *plane;
-        planes::encode(&bytes, (width, height), channels, quality)
+        planes::encode(&bytes, (width, height), channels, settings)
     };
     let (levels, coarsest) = levels::<3, Plain>((&path, TextureKind::Surface), &mut strips, encode, pool)?;
     let mean = Some(coarsest.mean().map(byte));

@@ -9,12 +9,9 @@ use image::codecs::webp::WebPEncoder;
 use image::error::{EncodingError, ImageFormatHint};
 use image::{ExtendedColorType, ImageError, ImageFormat};
 
-use super::quality::TextureQuality;
+use super::quality::TextureSettings;
 use super::subsampling;
 
-/// libwebp's effort, 0 to 6: 6 takes 0.93 to 0.98 of the bytes of 4, its default, at equal PSNR and 1.2 to 1.5 times as
-/// long.
-const METHOD: i32 = 6;
 /// Lost chroma ([`subsampling::lost`]) above which libwebp converts to half the chroma by its slower, sharper way. It takes a
 /// third of the time, and where less is lost it errs by 2 to 8 % less in 1 to 4 % more bytes, which higher quality does
 /// too; above, it saves up to 0.9 dB.
@@ -39,9 +36,9 @@ pub(super) fn opaque(
     rgb: &[u8],
     (width, height): (u32, u32),
     lost: f64,
-    quality: TextureQuality,
+    settings: TextureSettings,
 ) -> Result<Vec<u8>, ImageError> {
-    let mut config = config(quality)?;
+    let mut config = config(settings)?;
     config.use_sharp_yuv = i32::from(lost > SHARP);
     encode(Encoder::from_rgb(rgb, width, height), &config)
 }
@@ -52,18 +49,18 @@ pub(super) fn opaque(
 pub(super) fn planes(
     grey: &[u8],
     (width, height): (u32, u32),
-    quality: TextureQuality,
+    settings: TextureSettings,
 ) -> Result<Vec<u8>, ImageError> {
-    let mut config = config(quality)?;
+    let mut config = config(settings)?;
     config.sns_strength = 0;
     let rgb: Vec<u8> = grey.iter().flat_map(|&value| [value; 3]).collect();
     encode(Encoder::from_rgb(&rgb, width, height), &config)
 }
 
-fn config(quality: TextureQuality) -> Result<WebPConfig, ImageError> {
+fn config(settings: TextureSettings) -> Result<WebPConfig, ImageError> {
     let mut config = WebPConfig::new().map_err(|()| failed("no configuration"))?;
-    config.quality = f32::from(quality.get());
-    config.method = METHOD;
+    config.quality = f32::from(settings.quality.get());
+    config.method = i32::from(settings.effort.get());
     Ok(config)
 }
 
@@ -76,11 +73,11 @@ fn encode(encoder: Encoder<'_>, config: &WebPConfig) -> Result<Vec<u8>, ImageErr
 pub(super) fn with_alpha(
     rgba: &[u8],
     (width, height): (u32, u32),
-    quality: TextureQuality,
+    settings: TextureSettings,
 ) -> Result<Vec<u8>, ImageError> {
     let visible = without_invisible_colors(rgba, width as usize);
     let lost = subsampling::lost(&visible, width as usize);
-    let colors = opaque(&visible, (width, height), lost, quality)?;
+    let colors = opaque(&visible, (width, height), lost, settings)?;
     let alpha: Vec<u8> = rgba.as_chunks::<4>().0.iter().map(|p| p[3]).collect();
     let mut lossless = Vec::new();
     WebPEncoder::new_lossless(&mut lossless).encode(&alpha, width, height, ExtendedColorType::L8)?;
@@ -170,7 +167,7 @@ mod tests {
         let alpha = |i: u32| if i.is_multiple_of(5) { 0 } else { (i * 7 % 256) as u8 };
         let rgba: Vec<u8> =
             (0..width * height).flat_map(|i| [90, (i % 37) as u8 * 6, 30, alpha(i)]).collect();
-        let file = with_alpha(&rgba, (width, height), TextureQuality::default()).unwrap();
+        let file = with_alpha(&rgba, (width, height), TextureSettings::default()).unwrap();
         let decoded = ::webp::Decoder::new(&file).decode().unwrap();
         assert!(decoded.is_alpha());
         assert_eq!((decoded.width(), decoded.height()), (width, height));

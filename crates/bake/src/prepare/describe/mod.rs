@@ -46,7 +46,7 @@ pub fn describe(
     settings: &PreparationSettings,
     pool: &dyn Pool,
 ) -> Result<EncodedDescription, DescribeError> {
-    let mut textures = Textures::new(settings.texture_quality.unwrap_or_default(), pool);
+    let mut textures = Textures::new(settings.texture_settings(), pool);
     let materials: Result<Vec<Material>, DescribeError> = materials
         .iter()
         .map(|material| describe_one(material, settings.relief_depth, &mut textures))

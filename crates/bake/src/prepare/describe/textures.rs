@@ -6,7 +6,7 @@ use std::path::Path;
 use lodestream_geometry::pool::Pool;
 use lodestream_import::ImageSource;
 use lodestream_import::texture::{
-    self, Level, Texture, TextureError, TextureQuality, TextureSource, Transparency,
+    self, Level, Texture, TextureError, TextureSettings, TextureSource, Transparency,
 };
 use lodestream_scene::asset::{MAX_TEXTURES, TextureFormat, TextureInfo, TextureLevel};
 use lodestream_scene::limits::MAX_BLOB_BYTES;
@@ -15,7 +15,7 @@ use super::error::DescribeError;
 
 /// Textures encoded so far.
 pub(super) struct Textures<'a> {
-    quality: TextureQuality,
+    settings: TextureSettings,
     pool: &'a dyn Pool,
     known: BTreeMap<(TextureSource, bool), Option<EncodedTexture>>,
     pub(super) infos: Vec<TextureInfo>,
@@ -34,9 +34,9 @@ pub(super) struct EncodedTexture {
 
 impl<'a> Textures<'a> {
     /// None; the pool encodes them.
-    pub(super) fn new(quality: TextureQuality, pool: &'a dyn Pool) -> Self {
+    pub(super) fn new(settings: TextureSettings, pool: &'a dyn Pool) -> Self {
         let (known, infos, levels, warnings) = Default::default();
-        Self { quality, pool, known, infos, levels, warnings }
+        Self { settings, pool, known, infos, levels, warnings }
     }
 
     /// Encodes a source's texture. Unreadable images become warnings and are omitted from it.
@@ -67,7 +67,7 @@ impl<'a> Textures<'a> {
         let mut left = Some(source);
         let mut made = None;
         while let Some(of) = left.take() {
-            match (texture::load(&of, self.quality, self.pool), &of) {
+            match (texture::load(&of, self.settings, self.pool), &of) {
                 (Ok(texture), _) => {
                     let transparency = texture.transparency;
                     let path = of.first_image().map(|image| image.path.clone()).unwrap_or_default();

@@ -18,7 +18,7 @@ use lodestream_scene::asset::TextureInfo;
 
 /// On one thread.
 fn load(source: &TextureSource) -> Result<Texture, TextureError> {
-    super::load(source, TextureQuality::default(), &Serial)
+    super::load(source, TextureSettings::default(), &Serial)
 }
 
 /// An image as clients decode it.
@@ -81,7 +81,7 @@ fn levels_halve_from_coarse_to_fine_and_are_the_same_every_time() {
     assert_eq!(sizes, [(6, 2), (12, 4), (25, 9), (50, 18), (100, 37)]);
     assert_eq!((texture.width_px, texture.height_px, texture.transparency), (100, 37, Transparency::None));
     // As on several threads that take the levels in any order.
-    assert_eq!(super::load(&color(path), TextureQuality::default(), &Backwards).unwrap(), texture);
+    assert_eq!(super::load(&color(path), TextureSettings::default(), &Backwards).unwrap(), texture);
 }
 
 #[test]
@@ -166,7 +166,7 @@ fn webp_files_are_read_with_and_without_loss() {
     let image = RgbaImage::from_fn(40, 24, |x, y| Rgba([x as u8 * 6, y as u8 * 10, 7, 255 - x as u8]));
     let lossless = load(&color(save(&dir, "a.webp", image.clone()))).unwrap();
     assert_eq!(lossless, load(&color(save(&dir, "a.png", image.clone()))).unwrap());
-    let lossy = super::webp::with_alpha(&image, (40, 24), TextureQuality::default()).unwrap();
+    let lossy = super::webp::with_alpha(&image, (40, 24), TextureSettings::default()).unwrap();
     let path = dir.path().join("named wrongly.png");
     std::fs::write(&path, &lossy).unwrap();
     let texture = load(&color(path.clone())).unwrap();

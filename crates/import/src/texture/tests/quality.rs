@@ -11,7 +11,7 @@ use image::{ExtendedColorType, Rgb, RgbImage, RgbaImage};
 use lodestream_scene::asset::NORMAL_PLANES;
 
 use super::super::encode::Rectangle;
-use super::super::{TextureKind, TextureQuality, webp};
+use super::super::{TextureKind, TextureQuality, TextureSettings, webp};
 use super::{Texture, Transparency, decoded, noise};
 
 const SIDE_PX: u32 = 128;
@@ -81,7 +81,8 @@ fn stacked(image: &RgbImage, kind: TextureKind, quality: u8) -> (RgbaImage, usiz
     let count = planes.count_ones();
     let grey: Vec<u8> =
         (0..count as usize).flat_map(|c| image.pixels().map(move |pixel| pixel.0[c])).collect();
-    let file = webp::planes(&grey, (width, height * count), quality.try_into().unwrap()).unwrap();
+    let settings = TextureSettings { quality: quality.try_into().unwrap(), ..TextureSettings::default() };
+    let file = webp::planes(&grey, (width, height * count), settings).unwrap();
     let texture = Texture {
         kind,
         width_px: width,

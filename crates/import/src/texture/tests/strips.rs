@@ -69,7 +69,7 @@ fn textures_of_many_strips_are_the_same_on_any_number_of_threads() {
     let texture = load(&source).unwrap();
     assert_eq!(texture.levels.iter().rev().map(Vec::len).collect::<Vec<_>>(), [12, 4, 1, 1, 1, 1, 1, 1]);
     assert!(texture.levels.iter().flatten().all(|file| !file.is_empty()));
-    assert_eq!(super::super::load(&source, TextureQuality::default(), &Backwards).unwrap(), texture);
+    assert_eq!(super::super::load(&source, TextureSettings::default(), &Backwards).unwrap(), texture);
 }
 
 #[test]
