@@ -100,7 +100,7 @@ impl Compiler {
                 pipelines.caps(gpu);
             }
             Task::Caster => {
-                meshes.caster(gpu);
+                meshes.caster(gpu, Features::default());
             }
             Task::Ground { relief } => {
                 pipelines.terrain(gpu).surface(gpu, relief);
@@ -129,13 +129,13 @@ impl Compiler {
                 pipelines.ink(gpu);
             }
             Task::Wire => {
-                meshes.wire(gpu);
+                meshes.wire(gpu, Features::default());
             }
             Task::GroundWire => {
                 pipelines.terrain(gpu).wire(gpu);
             }
             Task::Motion => {
-                meshes.motion(gpu);
+                meshes.motion(gpu, Features::default());
             }
             Task::Mean => {
                 pipelines.resolve.get_or_init(|| Resolve::new(gpu));
@@ -196,6 +196,13 @@ fn tasks(gpu: &Gpu, settings: &Settings, ground: bool) -> Vec<Task> {
         }
     }
     match settings.anti_aliasing {
+        AntiAliasing::None if settings.render_scale < 1.0 => also(
+            true,
+            &[
+                Task::FullscreenPass(FullscreenPass::ToneMapDisplay),
+                Task::FullscreenPass(FullscreenPass::Enlarge),
+            ],
+        ),
         AntiAliasing::None => also(true, &[Task::FullscreenPass(FullscreenPass::ToneMap)]),
         AntiAliasing::Spatial => {
             also(true, &[Task::FullscreenPass(FullscreenPass::ToneMapDisplay)]);

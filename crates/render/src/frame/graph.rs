@@ -348,6 +348,10 @@ pub(crate) fn candidates(needs: Needs) -> Vec<Pass> {
         if needs.enlarged {
             passes.push(pass(PassId::Enlarge, &[Smoothed], &[Target]));
         }
+    } else if needs.enlarged && needs.geometry && !needs.keep {
+        // Tone mapping takes longer than enlarging what is tone mapped.
+        passes.push(pass(PassId::ToneMap, &[Radiance], &[Smoothed]));
+        passes.push(pass(PassId::Enlarge, &[Smoothed], &[Target]));
     } else if !needs.keep {
         // Sky alone needs no anti-aliasing.
         passes.push(pass(PassId::ToneMap, &[Radiance], &[Target]));
@@ -463,9 +467,9 @@ mod tests {
         let needs = Needs { geometry: true, enlarged: true, antialias: true, ..Needs::default() };
         let spatial = ids(needs, &[Resource::Target]);
         assert_eq!(spatial, [GBuffer, Lighting, ToneMap, AntiAlias, Enlarge]);
-        // Passes that read radiance upscale it themselves.
         let none = Needs { antialias: false, ..needs };
-        assert_eq!(ids(none, &[Resource::Target]), [GBuffer, Lighting, ToneMap]);
+        assert_eq!(ids(none, &[Resource::Target]), [GBuffer, Lighting, ToneMap, Enlarge]);
+        // Passes that read a mean of frames upscale it themselves.
         let mean = Needs { temporal: true, ..none };
         assert_eq!(ids(mean, &[Resource::Target]), [GBuffer, Lighting, Temporal, ToneMap]);
     }

@@ -60,7 +60,7 @@ const REFLECTIONS: [&str; 2] = by_specular!("surface", "tracing", "reflections")
 const DEPTH_PYRAMID: &str = wgsl!("fullscreen", "pyramid");
 const WIREFRAME: &str = wgsl!("common", "fullscreen", "wireframe");
 const ANTIALIAS: &str = wgsl!("common", "fullscreen", "antialias");
-const ENLARGE: &str = wgsl!("common", "fullscreen", "between", "enlarge");
+const ENLARGE: &str = wgsl!("common", "fullscreen", "enlarge");
 const TONEMAP: &str = wgsl!("common", "fullscreen", "between", "tonemap");
 /// For [`crate::frame::composite`].
 pub(crate) const COMPOSITE: &str = wgsl!("common", "fullscreen", "between", "tonemap", "composite");
@@ -235,6 +235,8 @@ pub(crate) struct Pipelines {
     modules: [OnceLock<wgpu::ShaderModule>; Module::COUNT],
     fullscreen: [OnceLock<wgpu::RenderPipeline>; FullscreenPass::COUNT],
     target: wgpu::TextureFormat,
+    /// Bilinear, without repetition.
+    between: wgpu::Sampler,
 }
 
 impl Pipelines {
@@ -263,7 +265,18 @@ impl Pipelines {
             fullscreen: std::array::from_fn(|_| OnceLock::new()),
             target,
             frame_layout,
+            between: gpu.device.create_sampler(&wgpu::SamplerDescriptor {
+                label: Some("between texels"),
+                mag_filter: wgpu::FilterMode::Linear,
+                min_filter: wgpu::FilterMode::Linear,
+                ..Default::default()
+            }),
         }
+    }
+
+    /// The sampler of enlarging.
+    pub(crate) fn between(&self) -> &wgpu::Sampler {
+        &self.between
     }
 
     /// Pipelines of meshes, of those that section planes cut or of whole ones.

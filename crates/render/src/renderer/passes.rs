@@ -22,6 +22,8 @@ use crate::scene::terrain::TileList;
 
 /// Binding of the specular reflection of dielectrics: `specular.wgsl`.
 const SPECULAR: u32 = 14;
+/// Binding of the sampler between texels: `enlarge.wgsl`.
+const BETWEEN: u32 = 2;
 
 impl Renderer {
     /// Records a planned pass.
@@ -142,12 +144,16 @@ impl Renderer {
             PassId::ToneMap if pass.writes(Display) => {
                 full(encoder, p(FullscreenPass::ToneMapDisplay), &[Radiance], Display);
             }
+            PassId::ToneMap if pass.writes(Resource::Smoothed) => {
+                full(encoder, p(FullscreenPass::ToneMapDisplay), &[Radiance], Resource::Smoothed);
+            }
             PassId::AntiAlias if pass.writes(Resource::Smoothed) => {
                 full(encoder, p(FullscreenPass::AntiAliasSmall), &[Display], Resource::Smoothed);
             }
             PassId::Enlarge => {
                 let pipeline = p(FullscreenPass::Enlarge);
-                let group = self.inputs(gpu, pipeline, &[Resource::Smoothed]);
+                let between = (BETWEEN, wgpu::BindingResource::Sampler(self.pipelines.between()));
+                let group = self.inputs_and(gpu, pipeline, &[Resource::Smoothed], &[between]);
                 fullscreen(encoder, pass.id, pipeline, &group, &Target { depth: None, ..*target });
             }
             PassId::AntiAlias => {
