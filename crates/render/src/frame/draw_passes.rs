@@ -110,7 +110,7 @@ impl DrawGroups<'_> {
         self.draw(pass, meshes, counters, |pass, pipelines, group, _| {
             let drawn = !group.material.features.blend;
             if drawn {
-                pass.set_pipeline(pipelines.motion(gpu));
+                pass.set_pipeline(pipelines.motion(gpu, group.material.features));
             }
             drawn
         });
@@ -124,7 +124,7 @@ impl DrawGroups<'_> {
         meshes: Meshes<'_>,
         counters: &mut Counters,
     ) {
-        self.draw_with(pass, meshes, counters, |pipelines, _| pipelines.wire(gpu));
+        self.draw_with(pass, meshes, counters, |pipelines, of| pipelines.wire(gpu, of));
     }
 
     /// Draws the groups whose material has a pipeline.

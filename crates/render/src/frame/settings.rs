@@ -329,7 +329,8 @@ pub struct Settings {
     /// the host may smooth the picture after its own drawing.
     pub anti_aliasing: AntiAliasing,
     /// Texture lookups along the footprint of a pixel at a grazing angle, 1 to [`MAX_ANISOTROPY`]; with fewer,
-    /// textures blur. Applies to software drivers and devices without anisotropic filtering; others use eight.
+    /// textures blur. Applies to software drivers and devices without anisotropic filtering; others use eight. With 1,
+    /// levels of tiled textures are not mixed.
     pub anisotropy: u32,
     /// Relief mapping for materials with a height map.
     pub relief: bool,

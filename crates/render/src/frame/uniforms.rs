@@ -55,7 +55,7 @@ pub(crate) struct FrameUniform {
     before_s: f32,
     history: f32,
     /// Bits: 1 nothing changed since the previous frame; 2 surfaces emit light; 4 and 8 [`relief_method`]; 16 relief
-    /// self-shadowing; from bit 8 the accumulation of occlusion.
+    /// self-shadowing; 32 no mixing of levels of tiled textures; from bit 8 the accumulation of occlusion.
     flags: u32,
     /// Texture lookups along a pixel's footprint; negative where samplers do it for textures that are whole.
     lookups: f32,
@@ -134,6 +134,7 @@ impl FrameUniform {
                 | u32::from(frame.settings.emission) << 1
                 | relief_method(frame.settings.relief_method) << 2
                 | u32::from(frame.settings.relief_shadows) << 4
+                | u32::from(frame.settings.anisotropy <= 1) << 5
                 | accumulation.flags(),
             lookups,
             kernel,

@@ -11,6 +11,8 @@ pub(crate) struct GeometryPass<'a> {
     pub(crate) module: &'a wgpu::ShaderModule,
     pub(crate) layout: &'a wgpu::PipelineLayout,
     pub(crate) buffers: &'a [Option<wgpu::VertexBufferLayout<'a>>],
+    /// Override constants of the vertex stage.
+    pub(crate) vertex_constants: &'a [(&'a str, f64)],
 }
 
 /// Fragment stage and its targets.
@@ -214,7 +216,10 @@ impl GeometryPass<'_> {
             vertex: wgpu::VertexState {
                 module: self.module,
                 entry_point: Some(vertex),
-                compilation_options: Default::default(),
+                compilation_options: wgpu::PipelineCompilationOptions {
+                    constants: self.vertex_constants,
+                    ..Default::default()
+                },
                 buffers: self.buffers,
             },
             primitive: wgpu::PrimitiveState { cull_mode: cull, polygon_mode, ..Default::default() },

@@ -124,16 +124,17 @@ pub(crate) struct MeshPipelines {
     /// Groups of frame, material, tiles and acceleration texture.
     accelerated_layout: wgpu::PipelineLayout,
     /// `None` where the device cannot draw triangles as lines.
-    wire: OnceLock<Option<wgpu::RenderPipeline>>,
-    caster: OnceLock<wgpu::RenderPipeline>,
-    /// By [`plain_variant`], as are `emission` and the last four of `overdraw`.
+    wire: [OnceLock<Option<wgpu::RenderPipeline>>; 2],
+    /// By states of parts, as are `wire` and `motion`.
+    caster: [OnceLock<wgpu::RenderPipeline>; 2],
+    /// By [`plain_variant`], as are `emission` and the last of `overdraw`.
     pierced_caster: [OnceLock<wgpu::RenderPipeline>; PLAIN_VARIANTS],
-    motion: OnceLock<wgpu::RenderPipeline>,
-    /// Without and with maps or relief.
-    specular: [OnceLock<wgpu::RenderPipeline>; 2],
+    motion: [OnceLock<wgpu::RenderPipeline>; 2],
+    /// Without and with maps or relief, and twice that with states of parts.
+    specular: [OnceLock<wgpu::RenderPipeline>; 4],
     emission: [OnceLock<wgpu::RenderPipeline>; PLAIN_VARIANTS],
-    /// Opaque, transparent and alpha-tested.
-    overdraw: [OnceLock<wgpu::RenderPipeline>; 2 + PLAIN_VARIANTS],
+    /// Opaque, transparent, both with states of parts, and alpha-tested.
+    overdraw: [OnceLock<wgpu::RenderPipeline>; 4 + PLAIN_VARIANTS],
 }
 
 static BUFFERS: [Option<wgpu::VertexBufferLayout<'_>>; 3] = [
@@ -156,9 +157,9 @@ static BUFFERS: [Option<wgpu::VertexBufferLayout<'_>>; 3] = [
 ];
 
 /// Variants of a shader besides relief.
-const VARIANTS: usize = 16;
+const VARIANTS: usize = 4 * PLAIN_VARIANTS;
 /// The same of shaders that look only at colour or emission.
-const PLAIN_VARIANTS: usize = 4;
+const PLAIN_VARIANTS: usize = 8;
 
 /// Number of a material's variant.
 fn variant(of: Features) -> usize {
@@ -166,7 +167,12 @@ fn variant(of: Features) -> usize {
 }
 
 fn plain_variant(of: Features) -> usize {
-    usize::from(of.tiled) | usize::from(of.second_uv) << 1
+    usize::from(of.tiled) | usize::from(of.second_uv) << 1 | usize::from(of.states) << 2
+}
+
+/// Override constants of the vertex stage.
+fn vertex_constants(of: Features) -> [(&'static str, f64); 2] {
+    [("STATES", of.states), ("SECOND_UV", of.second_uv)].map(|(name, on)| (name, f64::from(u8::from(on))))
 }
 
 /// Override constants of shaders that look only at colour or emission.
@@ -222,10 +228,10 @@ impl MeshPipelines {
                 "meshes with relief acceleration",
                 &[Some(frame), Some(material), Some(tiles), Some(&kit.acceleration_layout)],
             ),
-            wire: OnceLock::new(),
-            caster: OnceLock::new(),
+            wire: Default::default(),
+            caster: Default::default(),
             pierced_caster: Default::default(),
-            motion: OnceLock::new(),
+            motion: Default::default(),
             specular: Default::default(),
             emission: Default::default(),
             overdraw: Default::default(),
@@ -252,40 +258,42 @@ impl MeshPipelines {
         self.module.get_or_init(|| shader(gpu, "gbuffer", self.texts.surface))
     }
 
+    /// A geometry pass, with the [`vertex_constants`] of a material.
     fn pass_of<'a>(
         &self,
         module: &'a wgpu::ShaderModule,
         layout: &'a wgpu::PipelineLayout,
+        vertex_constants: &'a [(&'a str, f64)],
     ) -> GeometryPass<'a> {
-        GeometryPass { module, layout, buffers: self.buffers[0] }
+        GeometryPass { module, layout, buffers: self.buffers[0], vertex_constants }
     }
 
-    /// Geometry pass with materials.
-    fn pass(&self, gpu: &Gpu) -> GeometryPass<'_> {
-        self.pass_of(self.module(gpu), &self.layout)
+    /// What `make` makes of the geometry pass with a material.
+    fn with_pass<R>(&self, gpu: &Gpu, material: Features, make: impl FnOnce(&GeometryPass<'_>) -> R) -> R {
+        make(&self.pass_of(self.module(gpu), &self.layout, &vertex_constants(material)))
     }
 
     /// Wireframe; `None` where the device cannot draw triangles as lines.
-    pub(crate) fn wire(&self, gpu: &Gpu) -> Option<&wgpu::RenderPipeline> {
-        self.wire
-            .get_or_init(|| {
-                self.pass(gpu).wire(gpu, ["vs_wire", if self.cut { "fs_cut_wire" } else { "fs_wire" }])
-            })
-            .as_ref()
+    pub(crate) fn wire(&self, gpu: &Gpu, material: Features) -> Option<&wgpu::RenderPipeline> {
+        let entry = ["vs_wire", if self.cut { "fs_cut_wire" } else { "fs_wire" }];
+        let make = || self.with_pass(gpu, material, |pass| pass.wire(gpu, entry));
+        self.wire[usize::from(material.states)].get_or_init(make).as_ref()
     }
 
     /// Opaque shadow casters; needs group 1 for the states of parts.
-    pub(crate) fn caster(&self, gpu: &Gpu) -> &wgpu::RenderPipeline {
-        self.caster.get_or_init(|| match self.cut {
-            false => self.pass(gpu).caster(gpu, "vs_caster"),
-            true => self.cut_caster(gpu, Features::default()),
+    pub(crate) fn caster(&self, gpu: &Gpu, material: Features) -> &wgpu::RenderPipeline {
+        let material = Features { states: material.states, ..Features::default() };
+        self.caster[usize::from(material.states)].get_or_init(|| match self.cut {
+            false => self.with_pass(gpu, material, |pass| pass.caster(gpu, "vs_caster")),
+            true => self.cut_caster(gpu, material),
         })
     }
 
     /// Shadow casters that section planes cut.
     fn cut_caster(&self, gpu: &Gpu, material: Features) -> wgpu::RenderPipeline {
         let constants = self.constants(false, material);
-        self.pass(gpu).pierced_caster(gpu, ["vs_surface", "fs_cut_caster"], &constants)
+        let entry = ["vs_surface", "fs_cut_caster"];
+        self.with_pass(gpu, material, |pass| pass.pierced_caster(gpu, entry, &constants))
     }
 
     /// Compiles the pipelines that a material needs beyond those of the settings alone.
@@ -313,7 +321,8 @@ impl MeshPipelines {
     pub(crate) fn surface(&self, gpu: &Gpu, material: Features, relief: bool) -> &wgpu::RenderPipeline {
         let relief = relief && material.relief;
         self.surfaces[usize::from(relief)][variant(material)].get_or_init(|| {
-            self.pass(gpu).surface(gpu, ["vs_surface", "fs_surface"], &self.constants(relief, material))
+            let constants = self.constants(relief, material);
+            self.with_pass(gpu, material, |pass| pass.surface(gpu, ["vs_surface", "fs_surface"], &constants))
         })
     }
 
@@ -335,7 +344,7 @@ impl MeshPipelines {
                 .map_or_else(|| self.module(gpu), |acceleration| self.accelerated(gpu, acceleration));
             let layout = if acceleration.is_some() { &self.accelerated_layout } else { &self.layout };
             let fragment = if deep { "fs_deep_surface" } else { "fs_surface" };
-            self.pass_of(module, layout).surface(
+            self.pass_of(module, layout, &vertex_constants(material)).surface(
                 gpu,
                 ["vs_surface", fragment],
                 &self.constants(true, material),
@@ -352,7 +361,8 @@ impl MeshPipelines {
     pub(crate) fn sunken_caster(&self, gpu: &Gpu, material: Features) -> &wgpu::RenderPipeline {
         let material = Features { maps: false, ..material };
         self.sunken_casters[variant(material)].get_or_init(|| {
-            self.pass(gpu).sunken_caster(gpu, ["vs_surface", "fs_sunken"], &self.constants(false, material))
+            let (entry, constants) = (["vs_surface", "fs_sunken"], self.constants(false, material));
+            self.with_pass(gpu, material, |pass| pass.sunken_caster(gpu, entry, &constants))
         })
     }
 
@@ -360,18 +370,19 @@ impl MeshPipelines {
     pub(crate) fn pierced_caster(&self, gpu: &Gpu, material: Features) -> &wgpu::RenderPipeline {
         self.pierced_caster[plain_variant(material)].get_or_init(|| match self.cut {
             false => {
-                self.pass(gpu).pierced_caster(gpu, ["vs_pierced", "fs_pierced"], &plain_constants(material))
+                let (entry, constants) = (["vs_pierced", "fs_pierced"], plain_constants(material));
+                self.with_pass(gpu, material, |pass| pass.pierced_caster(gpu, entry, &constants))
             }
             true => self.cut_caster(gpu, material),
         })
     }
 
     /// Motion vectors; needs group 1; a third buffer holds the previous instances.
-    pub(crate) fn motion(&self, gpu: &Gpu) -> &wgpu::RenderPipeline {
-        self.motion.get_or_init(|| {
+    pub(crate) fn motion(&self, gpu: &Gpu, material: Features) -> &wgpu::RenderPipeline {
+        self.motion[usize::from(material.states)].get_or_init(|| {
             let module = shader(gpu, "motion", self.texts.motion);
-            let layout = &self.layout;
-            let pass = GeometryPass { module: &module, layout, buffers: self.buffers[1] };
+            let of = vertex_constants(material);
+            let pass = GeometryPass { buffers: self.buffers[1], ..self.pass_of(&module, &self.layout, &of) };
             pass.motion(gpu, ["vs_motion", "fs_motion"])
         })
     }
@@ -379,16 +390,17 @@ impl MeshPipelines {
     /// Specular reflection that is not the usual.
     pub(crate) fn specular(&self, gpu: &Gpu, material: Features) -> &wgpu::RenderPipeline {
         let maps = material.maps || material.relief;
-        self.specular[usize::from(maps)].get_or_init(|| {
-            let constants = [("MAPS", f64::from(u8::from(maps)))];
-            self.pass(gpu).specular(gpu, ["vs_surface", "fs_specular"], &constants)
+        self.specular[usize::from(maps) | usize::from(material.states) << 1].get_or_init(|| {
+            let (entry, constants) = (["vs_surface", "fs_specular"], [("MAPS", f64::from(u8::from(maps)))]);
+            self.with_pass(gpu, material, |pass| pass.specular(gpu, entry, &constants))
         })
     }
 
     /// Emission, added to the lit picture.
     pub(crate) fn emission(&self, gpu: &Gpu, material: Features) -> &wgpu::RenderPipeline {
         self.emission[plain_variant(material)].get_or_init(|| {
-            self.pass(gpu).emission(gpu, ["vs_surface", "fs_emission"], &plain_constants(material))
+            let (entry, constants) = (["vs_surface", "fs_emission"], plain_constants(material));
+            self.with_pass(gpu, material, |pass| pass.emission(gpu, entry, &constants))
         })
     }
 
@@ -426,32 +438,32 @@ impl MeshPipelines {
                 true => &[("fs_left", MULTIPLY), ("fs_transparent", ADD)],
                 false => &[("fs_transparent", blended)],
             };
-            self.pass_of(module, &lit.layout).transparent(gpu, "vs_surface", steps, &constants)
+            let of = vertex_constants(material);
+            self.pass_of(module, &lit.layout, &of).transparent(gpu, "vs_surface", steps, &constants)
         })
     }
 
     /// Overdraw counters.
     pub(crate) fn overdraw(&self, gpu: &Gpu, material: Features) -> &wgpu::RenderPipeline {
-        let pass = self.pass(gpu);
-        if self.cut {
-            let (number, write) = match material {
-                Features { blend: true, .. } => (1, false),
-                Features { mask: true, .. } => (2 + plain_variant(material), true),
-                _ => (0, true),
-            };
-            let entry = ["vs_surface", "fs_cut_overdraw"];
-            let constants = self.constants(false, material);
-            return self.overdraw[number].get_or_init(|| pass.cut_overdraw(gpu, entry, &constants, write));
-        }
-        match material {
-            Features { blend: true, .. } => {
-                self.overdraw[1].get_or_init(|| pass.transparent_overdraw(gpu, "vs_caster"))
+        let states = usize::from(material.states) << 1;
+        let number = match material {
+            Features { blend: true, .. } => 1 | states,
+            Features { mask: true, .. } => 4 + plain_variant(material),
+            _ => states,
+        };
+        let make = |pass: &GeometryPass<'_>| match material {
+            Features { blend, .. } if self.cut => {
+                let entry = ["vs_surface", "fs_cut_overdraw"];
+                pass.cut_overdraw(gpu, entry, &self.constants(false, material), !blend)
             }
-            Features { mask: true, .. } => self.overdraw[2 + plain_variant(material)].get_or_init(|| {
-                pass.pierced_overdraw(gpu, ["vs_pierced", "fs_pierced_overdraw"], &plain_constants(material))
-            }),
-            _ => self.overdraw[0].get_or_init(|| pass.overdraw(gpu, "vs_caster")),
-        }
+            Features { blend: true, .. } => pass.transparent_overdraw(gpu, "vs_caster"),
+            Features { mask: true, .. } => {
+                let entry = ["vs_pierced", "fs_pierced_overdraw"];
+                pass.pierced_overdraw(gpu, entry, &plain_constants(material))
+            }
+            _ => pass.overdraw(gpu, "vs_caster"),
+        };
+        self.overdraw[number].get_or_init(|| self.with_pass(gpu, material, make))
     }
 }
 

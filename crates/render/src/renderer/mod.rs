@@ -301,7 +301,8 @@ impl Renderer {
             None => None,
         };
         let ground = ground.filter(|ground| !ground.is_empty());
-        let wireframe = frame.settings.wireframe && self.pipelines.meshes.wire(gpu).is_some();
+        let wireframe =
+            frame.settings.wireframe && self.pipelines.meshes.wire(gpu, Features::default()).is_some();
         if frame.settings.wireframe && !wireframe && !self.warned_wireframe {
             tracing::warn!("{} cannot draw wireframes; they are left out", gpu.describe());
             self.warned_wireframe = true;

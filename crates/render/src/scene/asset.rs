@@ -470,8 +470,8 @@ impl AssetGpu {
 
     /// Hides, tints or moves parts ([`PackedVertex::of_part`]) of the asset's instances, which are numbered as in
     /// [`crate::Drawable::instances`]; replaces all earlier states. PN triangles and ink follow only where a whole
-    /// instance is hidden. Costs one write to the device, in proportion to the largest part listed of each instance;
-    /// nothing is compiled.
+    /// instance is hidden. Costs one write to the device, in proportion to the largest part listed of each instance; the
+    /// first time, pipelines for such vertices are compiled.
     ///
     /// # Errors
     /// [`RenderError::NoSuch`] for a part from [`crate::MAX_PARTS`] on, [`RenderError::TooLarge`] past the device's

@@ -141,6 +141,8 @@ pub(crate) struct Features {
     pub(crate) tiled: bool,
     /// Faces have their own normals, so they are not curved.
     pub(crate) flat: bool,
+    /// Parts may be hidden, tinted or moved, and vertices skinned.
+    pub(crate) states: bool,
 }
 
 impl Features {
@@ -163,6 +165,7 @@ impl Features {
             specular: !material.unlit && (!material.specular.is_usual() || !material.clear_coat.is_none()),
             tiled: false,
             flat: material.flat,
+            states: false,
         }
     }
 }

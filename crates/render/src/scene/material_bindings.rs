@@ -240,6 +240,7 @@ impl MaterialBindings {
                 relief,
                 maps: surfaces || normals || occlusion,
                 tiled: tiled.iter().any(|map| *map != TiledMap::zeroed()),
+                states: tables.states.texture().is_some(),
                 ..Features::of(material)
             },
             accelerated: heights.is_some(),

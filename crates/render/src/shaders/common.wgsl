@@ -34,7 +34,7 @@ struct Frame {
     before_s: f32, // time_s of the frame before
     history: f32, // frames that what earlier ones showed counts for at most; 0: there is nothing
     flags: u32, // 1: nothing has changed since the frame before; 2: surfaces give off light; 4, 8: way of relief mapping
-    // (relief_methods.wgsl); 16: relief hides the sun; from bit 8 on, four bits: by how much occlusion's rotations are turned; from bit 12 on: this frame's
+    // (relief_methods.wgsl); 16: relief hides the sun; 32: tiled textures show their nearest level alone; from bit 8 on, four bits: by how much occlusion's rotations are turned; from bit 12 on: this frame's
     // number in its mean, 0 alone
     lookups: f32, // of a texture along a footprint; negative where samplers do that, but for tiled textures
     kernel: array<vec4<f32>, 64>, // as many as there are samples; w: what each counts

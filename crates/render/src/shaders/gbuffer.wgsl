@@ -11,6 +11,8 @@ override SPECULAR: bool = false;
 override TRANSMITS: bool = false;
 override SECOND_UV: bool = false;
 override SECTIONS: bool = false;
+// Only for assets whose parts have states. Some drivers run all that vertices might need.
+override STATES: bool = false;
 
 // A map with tiled levels (tiled.wgsl).
 struct TiledMap {

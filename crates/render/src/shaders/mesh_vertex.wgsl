@@ -34,7 +34,7 @@ fn part_entry(v: VertexIn, states: u32) -> u32 {
 
 // Tint of a vertex's part in its low 31 bits, and whether it is hidden.
 fn part_state(v: VertexIn) -> u32 {
-    if (v.states == 0u) {
+    if (!STATES || v.states == 0u) {
         return 0u;
     }
     return part_states_at(v.states + 3u + part_entry(v, v.states));
@@ -42,7 +42,7 @@ fn part_state(v: VertexIn) -> u32 {
 
 // Where the move of a vertex's part is among the states that begin at `states`; 0 if it has none.
 fn part_move(v: VertexIn, states: u32) -> u32 {
-    if (states == 0u) {
+    if (!STATES || states == 0u) {
         return 0u;
     }
     let moves = part_states_at(states + 1u);
@@ -78,7 +78,7 @@ const STILL: Rows = Rows(vec4(1.0, 0.0, 0.0, 0.0), vec4(0.0, 1.0, 0.0, 0.0), vec
 
 // Where the pose of an instance is among the states that begin at `states`; 0 if it has none.
 fn pose_of(states: u32) -> u32 {
-    if (states == 0u) {
+    if (!STATES || states == 0u) {
         return 0u;
     }
     return part_states_at(states + 2u);
@@ -149,6 +149,13 @@ fn placed(v: VertexIn) -> vec3<f32> {
     return in_world(moved, v.offset_scale, v.rotation);
 }
 
+fn second_uv_of(v: VertexIn) -> vec2<f32> {
+    if (!SECOND_UV) {
+        return vec2(0.0);
+    }
+    return attributes_of(v.part_and_level).second_uv;
+}
+
 @vertex
 fn vs_surface(v: VertexIn) -> Surface {
     var out: Surface;
@@ -162,7 +169,7 @@ fn vs_surface(v: VertexIn) -> Surface {
     }
     out.normal = rotate(v.rotation, normal);
     out.uv = vec2(v.uv.x, 1.0 - v.uv.y);
-    out.second_uv = attributes_of(v.part_and_level).second_uv;
+    out.second_uv = second_uv_of(v);
     out.level = v.part_and_level & 255u;
     out.tint = state & ~HIDDEN;
     out.colour = vec4(linear_from_srgb(v.colour.rgb), v.colour.a);
@@ -177,8 +184,7 @@ fn vs_caster(v: VertexIn) -> @builtin(position) vec4<f32> {
 
 @vertex
 fn vs_pierced(v: VertexIn) -> Pierced {
-    let second_uv = attributes_of(v.part_and_level).second_uv;
-    return Pierced(shown(placed(v), part_state(v)), vec2(v.uv.x, 1.0 - v.uv.y), v.colour.a, second_uv);
+    return Pierced(shown(placed(v), part_state(v)), vec2(v.uv.x, 1.0 - v.uv.y), v.colour.a, second_uv_of(v));
 }
 
 // Edges, counted. Moved towards the eye by two thousandths of their depth, which keeps them in

@@ -99,7 +99,10 @@ fn tiled_filtered(
     let f = footprint_of(dx, dy, size, most);
     let finest = f32(material.tiled[slot].levels - 1u);
     let across = max(max(length(f.dx * size), length(f.dy * size)), 1e-6);
-    let level = finest - clamp(log2(across), 0.0, finest);
+    var level = finest - clamp(log2(across), 0.0, finest);
+    if ((frame.flags & 32u) != 0u) {
+        level = round(level);
+    }
     var sum = vec4(0.0);
     for (var i = 0; i < f.count; i++) {
         sum += tiled_lookup(pages, rest, slot, looked_up(f, uv, i), level);

@@ -219,11 +219,15 @@ fn instances_have_states_of_their_own() {
 }
 
 #[test]
-fn states_compile_no_pipeline_and_large_parts_are_refused() {
+fn the_first_states_compile_pipelines_and_large_parts_are_refused() {
     let Some(mut h) = headless(SIZE, SIZE) else { return };
     let mut asset = without(&h, None);
     draw(&mut h, &asset, Settings::default());
+    let without = h.gpu().compiled_pipelines();
+    asset.set_part_states(h.gpu(), states(&[(0, tint([9, 9, 9], 0.5))])).unwrap();
+    draw(&mut h, &asset, Settings::default());
     let compiled = h.gpu().compiled_pipelines();
+    assert!(compiled > without);
     let many: Vec<_> = (0..5000).map(|part| (part, tint([9, 9, 9], 0.5))).collect();
     asset.set_part_states(h.gpu(), states(&many)).unwrap();
     let tinted = draw(&mut h, &asset, Settings::default());

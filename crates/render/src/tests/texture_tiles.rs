@@ -216,6 +216,25 @@ fn tiled_textures_look_like_whole_ones() {
 }
 
 #[test]
+fn one_lookup_shows_the_nearest_level_alone() {
+    let Some(mut h) = headless(16, 16) else { return };
+    let mut picture = Picture::colours(1024, 1024);
+    for (level, image) in picture.levels.iter_mut().enumerate() {
+        image.fill(level as u8 * 20);
+    }
+    let asset = all_tiled(&h, &sheet(), &colour_material(Wrap::Repeat), &[&picture]);
+    let mut seen = |texels: f64, anisotropy: u32| {
+        let camera = before([0.3, 0.3], texels, 1024, &h);
+        shot(&mut h, &asset, camera, Settings { anisotropy, ..albedo() }).get_pixel(8, 8).0
+    };
+    let [finest, next] = [1.0, 2.0].map(|texels| seen(texels, 4));
+    assert_ne!(finest, next);
+    assert_eq!([1.3, 1.6].map(|texels| seen(texels, 1)), [finest, next]);
+    let mixed = seen(1.3, 2);
+    assert!(next[0] < mixed[0] && mixed[0] < finest[0], "{next:?} {mixed:?} {finest:?}");
+}
+
+#[test]
 fn borders_of_tiles_have_no_seam() {
     let Some(mut h) = headless(256, 256) else { return };
     // So smooth that any seam is the largest step.

@@ -258,7 +258,7 @@ impl ShadowMaps {
                     } else if features.mask {
                         pipelines.pierced_caster(gpu, features)
                     } else {
-                        pipelines.caster(gpu)
+                        pipelines.caster(gpu, features)
                     });
                     counters.shadow_triangles += group.triangles;
                     true

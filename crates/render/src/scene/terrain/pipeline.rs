@@ -97,6 +97,7 @@ impl TerrainPipelines {
         make(&GeometryPass {
             module: self.module.get_or_init(|| shader(gpu, "terrain", TERRAIN)),
             layout: &self.pipeline_layout,
+            vertex_constants: &[],
             buffers: &[Some(wgpu::VertexBufferLayout {
                 array_stride: size_of::<TileRaw>() as u64,
                 step_mode: wgpu::VertexStepMode::Instance,
