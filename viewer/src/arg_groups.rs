@@ -19,7 +19,7 @@ const GROUPS: [Group; 9] = [
     Group {
         title: "Window",
         usual: &["window", "no_overlay", "settings"],
-        rare: &["exit_when_settled", "timeout", "frames"],
+        rare: &["frame_rate", "exit_when_settled", "timeout", "frames"],
     },
     Group {
         title: "Picture",

@@ -101,6 +101,9 @@ pub(crate) struct Args {
     /// Screen error to refine to, in pixels
     #[arg(long, value_name = "PX", default_value = "1")]
     pub(crate) pixel_error: PixelError,
+    /// Frames a second to aim for while the camera moves, 1 to 1000 [default: 60; of a software driver 30]
+    #[arg(long, value_name = "N", conflicts_with = "headless")]
+    pub(crate) frame_rate: Option<FrameRate>,
     /// Exit when the picture is settled, or incomplete with nothing more to arrive
     #[arg(long)]
     pub(crate) exit_when_settled: bool,
@@ -349,6 +352,19 @@ impl FromStr for PixelError {
     }
 }
 
+/// Frames a second.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct FrameRate(pub(crate) f64);
+
+impl FromStr for FrameRate {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let rate = text.parse().ok().filter(|rate: &f64| (1.0..=1000.0).contains(rate));
+        rate.map(Self).ok_or_else(|| "write a number of frames a second from 1 to 1000".into())
+    }
+}
+
 /// A time in seconds.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Seconds(pub(crate) std::time::Duration);
@@ -500,6 +516,7 @@ mod tests {
             let error = Args::try_parse_from(["viewer", "ws://h:1", &wrong]).unwrap_err().to_string();
             assert!(error.contains(message), "{error}");
         }
+        assert!("0".parse::<FrameRate>().is_err() && "nan".parse::<FrameRate>().is_err());
         assert!("0".parse::<PixelError>().is_err() && "nan".parse::<PixelError>().is_err());
         assert!("0".parse::<Seconds>().is_err() && "1e300".parse::<Seconds>().is_err());
         assert!(Args::try_parse_from(["viewer", "ws://h:1", "--headless"]).is_err());

@@ -112,7 +112,7 @@ impl Viewer {
             controller: None,
             start: None,
             clips: Clips::new(),
-            quality: Quality::new(software),
+            quality: Quality::new(software, None),
             settings: settings(software),
             fitted: settings(software),
             memory_bytes,

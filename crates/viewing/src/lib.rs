@@ -9,6 +9,6 @@ mod turntable;
 
 pub use camera::{CameraController, Mode, Push, Side};
 pub use playback::Playback;
-pub use quality::{FULL, Quality, Step, limited_settings};
+pub use quality::{FULL, Quality, STEPS, Step, limited_settings};
 pub use targets::fit_targets;
 pub use turntable::Turntable;

@@ -330,7 +330,8 @@ impl Painter {
                 };
                 let jobs = context.tessellate(output.shapes, output.pixels_per_point);
                 let first = self.overlay.update_buffers(device, queue, &mut encoder, &jobs, &screen);
-                {
+                // A pass without draws still loads and stores the whole picture.
+                if !(shows && jobs.is_empty()) {
                     let pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
                         label: Some("overlay"),
                         color_attachments: &[Some(wgpu::RenderPassColorAttachment {

@@ -180,7 +180,7 @@ impl Running {
             move |gpu| {
                 let full = settings(&first_args, gpu.is_software());
                 [
-                    vec![Quality::new(gpu.is_software()).step().limit(&full)],
+                    vec![quality(&first_args, gpu.is_software()).step().limit(&full)],
                     lodestream_viewing::limited_settings(&full),
                 ]
             },
@@ -232,7 +232,7 @@ impl Running {
             fps: 0.0,
             window_start: (now, 0),
             bits_per_s: 0.0,
-            quality: Quality::new(painter.is_software()),
+            quality: quality(args, painter.is_software()),
             only_tiles_missing: false,
             ground_moves: false,
             rise: 0.0,
@@ -550,6 +550,11 @@ impl Running {
         }
         Ok(painted)
     }
+}
+
+/// The quality of frames, from the arguments.
+fn quality(args: &Args, software: bool) -> Quality {
+    Quality::new(software, args.frame_rate.map(|rate| rate.0))
 }
 
 /// The steps of a window's frame.

@@ -27,6 +27,8 @@ pub struct Step {
     pub map_side: u32,
     /// Whether relief mapping is drawn.
     pub relief: bool,
+    /// Most texture lookups along a pixel's footprint.
+    pub anisotropy: u32,
     /// Approximate time of a frame relative to the first step; decisions use times measured with the step.
     pub cost: f64,
 }
@@ -44,6 +46,7 @@ pub const FULL: Step = Step {
     punctual_lights: u32::MAX,
     map_side: u32::MAX,
     relief: true,
+    anisotropy: u32::MAX,
     cost: 1.0,
 };
 
@@ -52,10 +55,11 @@ const SCALE_70: Step = Step { render_scale: 0.7, cost: 0.45, ..LATE_SHADOWS };
 const SCALE_50: Step = Step { render_scale: 0.5, ground: 8.0, cost: 0.28, ..SCALE_70 };
 const TWO_CASCADES: Step = Step { cascades: 2, map_steps: 4, cost: 0.23, ..SCALE_50 };
 const SPATIAL_AA: Step = Step { anti_aliasing: AntiAliasing::Spatial, cost: 0.19, ..TWO_CASCADES };
-const NO_AA: Step = Step { anti_aliasing: AntiAliasing::None, meshes: 2.0, cost: 0.16, ..SPATIAL_AA };
+const NO_AA: Step =
+    Step { anti_aliasing: AntiAliasing::None, meshes: 2.0, anisotropy: 1, cost: 0.16, ..SPATIAL_AA };
 const FEW_SAMPLES: Step = Step { samples: 4, render_scale: 0.35, cost: 0.13, ..NO_AA };
 const FEW_PUNCTUAL_LIGHTS: Step = Step { punctual_lights: 64, cost: 0.107, ..FEW_SAMPLES };
-const FASTEST: Step = Step {
+const FEW_PIXELS: Step = Step {
     render_scale: 0.25,
     ground: 16.0,
     meshes: 4.0,
@@ -66,13 +70,14 @@ const FASTEST: Step = Step {
     cost: 0.087,
     ..FEW_PUNCTUAL_LIGHTS
 };
+const FASTEST: Step = Step { render_scale: 0.2, meshes: 16.0, cost: 0.065, ..FEW_PIXELS };
 
 /// The steps from best to fastest; each includes the reductions of those before. The order: the terrain's error and
 /// the staleness of shadows, which are least visible; resolution; shadow cascades; temporal anti-aliasing; all
 /// anti-aliasing together with the meshes' error, whose chunks have to be undone and applied again; samples of ambient
-/// occlusion; punctual lights; at last ambient occlusion, relief, which is then finer than the pixels, and the size of
-/// shadow maps.
-pub(super) const STEPS: [Step; 10] = [
+/// occlusion; punctual lights; ambient occlusion, relief, which is then finer than the pixels, and the size of shadow
+/// maps; at last more of resolution and meshes.
+pub const STEPS: [Step; 11] = [
     FULL,
     LATE_SHADOWS,
     SCALE_70,
@@ -82,6 +87,7 @@ pub(super) const STEPS: [Step; 10] = [
     NO_AA,
     FEW_SAMPLES,
     FEW_PUNCTUAL_LIGHTS,
+    FEW_PIXELS,
     FASTEST,
 ];
 
@@ -97,6 +103,7 @@ impl Step {
                 ..occlusion
             }),
             relief: settings.relief && self.relief,
+            anisotropy: settings.anisotropy.min(self.anisotropy),
             shadows: settings.shadows.map(|shadows| Shadows {
                 cascades: shadows.cascades.min(self.cascades),
                 steps: shadows.steps.min(self.map_steps),
@@ -126,6 +133,7 @@ impl Step {
                 AntiAliasing::None => Some("edges not smoothed".to_owned()),
             },
             error("meshes", self.meshes),
+            (self.anisotropy < u32::MAX).then(|| "textures softer at grazing angles".to_owned()),
             match self.samples {
                 0 => Some("no occlusion".to_owned()),
                 u32::MAX => None,
@@ -190,7 +198,8 @@ mod tests {
             assert!(before.cascades >= after.cascades && before.map_steps >= after.map_steps);
             assert!(before.map_side >= after.map_side && before.anti_aliasing >= after.anti_aliasing);
             assert!(before.samples >= after.samples && before.punctual_lights >= after.punctual_lights);
-            assert!(before.relief >= after.relief && before.cost > after.cost);
+            assert!(before.relief >= after.relief && before.anisotropy >= after.anisotropy);
+            assert!(before.cost > after.cost);
             assert_ne!(before.given_up(), after.given_up());
         }
     }
@@ -202,6 +211,7 @@ mod tests {
             occlusion: None,
             shadows: None,
             relief: false,
+            anisotropy: 1,
             lights: Some(LightCulling { most: 1, ..LightCulling::default() }),
             ..Settings::default()
         };

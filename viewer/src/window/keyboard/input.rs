@@ -82,6 +82,8 @@ mod tests {
     /// Time of a frame at full quality, as a software driver takes at 1280×720, and of one while the camera moves.
     const FULL_S: f64 = 0.7;
     const QUICK_S: f64 = 1.0 / 15.0;
+    /// What the window aims for while the camera moves: one quick frame.
+    const FPS: f64 = 15.0;
     /// End of the simulation.
     const LONG: Duration = Duration::from_secs(8);
 
@@ -149,7 +151,7 @@ mod tests {
         presses: &[(Duration, KeyCode)],
         answer: impl Fn(&Pose) -> bool,
     ) -> (Duration, Duration) {
-        let (keys, quality) = (usual(), Quality::new(true));
+        let (keys, quality) = (usual(), Quality::new(true, Some(FPS)));
         let mut window =
             Window { now: Duration::ZERO, keys, controller, quality, heard: None, shown: Vec::new() };
         let (mut presses, mut free) = (presses.iter().peekable(), Duration::ZERO);
@@ -167,7 +169,7 @@ mod tests {
 
     #[test]
     fn keys_choose_the_view_and_the_start_view_again() {
-        let (mut controller, mut keys, mut quality) = (start(), usual(), Quality::new(true));
+        let (mut controller, mut keys, mut quality) = (start(), usual(), Quality::new(true, None));
         let mut press = |code| {
             key(Duration::ZERO, code, true, &mut keys, Some(&mut controller), &mut quality);
             key(Duration::ZERO, code, false, &mut keys, Some(&mut controller), &mut quality);

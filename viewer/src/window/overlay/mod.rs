@@ -172,7 +172,7 @@ mod tests {
     #[test]
     fn a_line_is_drawn_at_first_and_figures_on_demand() {
         let bindings = bindings();
-        let quality = Quality::new(true).describe();
+        let quality = Quality::new(true, None).describe();
         let state =
             OverlayState { name: "a.glb".into(), quality: quality.clone(), ..OverlayState::new(&bindings) };
         let (text, _) = drawn(&state, &mut choices(None), SIZE, 1.0);
