@@ -4,6 +4,7 @@ use clap::Args;
 use lodestream_render::{MAP_SIDES, MAX_FILTER, MAX_RELIEF_STEPS, MAX_SAMPLES, ReliefMethod};
 use lodestream_report::pictures::draw_trade::{Setting, draw_trade};
 use lodestream_report::pictures::frame_time::MAX_FRAMES;
+use lodestream_viewing::STEPS;
 
 use crate::arguments::{DrawnCase, target_px};
 
@@ -48,6 +49,9 @@ struct SettingArguments {
     /// Screen errors of the terrain in pixels, separated by commas.
     #[arg(long, value_delimiter = ',', value_parser = target_px)]
     ground_px: Option<Vec<f32>>,
+    /// Steps of quality while the camera moves, separated by commas; 0 is full quality.
+    #[arg(long, value_delimiter = ',', value_parser = clap::value_parser!(u32).range(0..STEPS.len() as i64))]
+    quality_steps: Option<Vec<u32>>,
 }
 
 impl SettingArguments {
@@ -64,8 +68,9 @@ impl SettingArguments {
             }
             Self { smooth_edges: Some(smooth), .. } => (Setting::SmoothEdges(smooth.clone()), smooth.len()),
             Self { ground_px: Some(px), .. } => (Setting::GroundPx(px.clone()), px.len()),
+            Self { quality_steps: Some(steps), .. } => (Setting::QualitySteps(steps.clone()), steps.len()),
             _ => anyhow::bail!(
-                "name --relief-steps, --relief-methods, --occlusion-samples, --shadow-sides, --shadow-filters, --smooth-edges or --ground-px"
+                "name --relief-steps, --relief-methods, --occlusion-samples, --shadow-sides, --shadow-filters, --smooth-edges, --ground-px or --quality-steps"
             ),
         };
         anyhow::ensure!(count <= MAX_VALUES, "{count} values are given; {MAX_VALUES} are the most");
@@ -98,7 +103,7 @@ mod tests {
 
     #[test]
     fn other_numbers_of_settings_and_values_out_of_range_are_refused() {
-        let cases: [&[&str]; 8] = [
+        let cases: [&[&str]; 9] = [
             &[],
             &["--relief-steps", "1", "--ground-px", "1"],
             &["--relief-steps", "1025"],
@@ -106,6 +111,7 @@ mod tests {
             &["--relief-steps", ""],
             &["--occlusion-samples", "65"],
             &["--ground-px", "0"],
+            &["--quality-steps", "11"],
             &["--ground-px", "1,1,1,1,1,1,1,1,1,1,1,1,1,1,1,1,1"],
         ];
         for case in cases {

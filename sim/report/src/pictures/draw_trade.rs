@@ -10,9 +10,10 @@ use image::RgbaImage;
 use lodestream_protocol::source::SceneSource;
 use lodestream_render::{AmbientOcclusion, AntiAliasing, Counters, Gpu, ReliefMethod, Settings, Shadows};
 use lodestream_scenario::picture::ImageError;
-use lodestream_scenario::plan::Plan;
+use lodestream_scenario::plan::{ClientSettings, Plan};
 use lodestream_scenario::stopwatch::{Spread, median, paired_ratio, rounded};
 use lodestream_scene::view::View;
+use lodestream_viewing::{STEPS, Step};
 use serde::Serialize;
 
 use super::painter::Studio;
@@ -36,6 +37,8 @@ pub enum Setting {
     SmoothEdges(Vec<u32>),
     /// Screen error of the terrain, in pixels.
     GroundPx(Vec<f32>),
+    /// Steps of quality while the camera moves: [`STEPS`] by number, the last for larger numbers.
+    QualitySteps(Vec<u32>),
 }
 
 /// Timed frames with one value.
@@ -77,7 +80,8 @@ impl Setting {
             | Self::OcclusionSamples(counts)
             | Self::ShadowSides(counts)
             | Self::ShadowFilters(counts)
-            | Self::SmoothEdges(counts) => counts.iter().map(|&count| count as f32).collect(),
+            | Self::SmoothEdges(counts)
+            | Self::QualitySteps(counts) => counts.iter().map(|&count| count as f32).collect(),
             Self::GroundPx(px) => px.clone(),
         }
     }
@@ -114,16 +118,31 @@ impl Setting {
                 (view, Settings { anti_aliasing: smoothing(smooth[number]), ..defaults })
             }
             Self::GroundPx(px) => (View { target_px: px[number], ..view }, defaults),
+            Self::QualitySteps(steps) => {
+                let step = quality_step(steps[number]);
+                // The scene was settled with the step's error of meshes.
+                let target_px = view.target_px / step.meshes * step.ground;
+                (View { target_px, ..view }, step.limit(&defaults))
+            }
         }
     }
 
-    /// Scenes on the graphics device, one per value for the terrain's error, so that tiles do not evict each other.
-    fn scenes(&self) -> usize {
+    /// Clients of the scenes on the graphics device, one per value for the terrain's error, so that tiles do not evict each
+    /// other, and for that of meshes.
+    fn clients(&self, client: ClientSettings) -> Vec<ClientSettings> {
         match self {
-            Self::GroundPx(px) => px.len(),
-            _ => 1,
+            Self::GroundPx(px) => vec![client; px.len()],
+            Self::QualitySteps(steps) => {
+                let coarser = |&step: &u32| client.target_px * quality_step(step).meshes;
+                steps.iter().map(|step| ClientSettings { target_px: coarser(step), ..client }).collect()
+            }
+            _ => vec![client],
         }
     }
+}
+
+fn quality_step(number: u32) -> Step {
+    STEPS[(number as usize).min(STEPS.len() - 1)]
 }
 
 /// The entry of [`AntiAliasing::ALL`]; the last for larger numbers.
@@ -155,7 +174,7 @@ pub fn draw_trade(
     let best = values.len().checked_sub(1).context("there are no values to draw with")?;
     let adapter = gpu.describe();
     let studio = Studio::new(gpu);
-    let mut settled = settle(plan, scene, &studio, vec![plan.client; setting.scenes()])?;
+    let mut settled = settle(plan, scene, &studio, setting.clients(plan.client))?;
     let scenes = settled.len();
     let seconds = by_turns(values.len(), frames, |number| {
         let one = &mut settled[number % scenes];
@@ -249,7 +268,14 @@ mod tests {
         assert_eq!(edges.frame(0, view).1, Settings { anti_aliasing: AntiAliasing::None, ..defaults });
         let ground = Setting::GroundPx(vec![4.0, 1.0]);
         assert_eq!(ground.frame(0, view), (View { target_px: 4.0, ..view }, defaults));
-        assert_eq!((ground.values(), ground.scenes(), steps.scenes()), (vec![4.0, 1.0], 2, 1));
+        let client = ClientSettings::to(1.0);
+        let scenes = |setting: &Setting| setting.clients(client).len();
+        assert_eq!((ground.values(), scenes(&ground), scenes(&steps)), (vec![4.0, 1.0], 2, 1));
+        let of_steps = Setting::QualitySteps(vec![9, 0]);
+        assert_eq!(of_steps.frame(1, view), (view, defaults));
+        assert_eq!(of_steps.frame(0, View { target_px: 4.0, ..view }).0.target_px, 16.0);
+        let px: Vec<f32> = of_steps.clients(client).iter().map(|client| client.target_px).collect();
+        assert_eq!(px, [4.0 * client.target_px, client.target_px]);
     }
 
     /// Names that `docs/report/sections.toml` refers to.
@@ -297,6 +323,7 @@ mod tests {
             Setting::ReliefSteps(vec![0, 24, 192]),
             Setting::ShadowSides(vec![0, 256, 2048]),
             Setting::GroundPx(vec![32.0, 4.0, 1.0]),
+            Setting::QualitySteps(vec![9, 3, 0]),
         ] {
             let times = of_setting(&setting).unwrap();
             let [worst, better, best] = &times[..] else { panic!("{times:?}") };
@@ -306,7 +333,7 @@ mod tests {
             );
             assert!(worst.error.flip > better.error.flip && better.error.flip > 0.0, "{times:?}");
             assert!(worst.error.psnr_db < better.error.psnr_db, "{times:?}");
-            let is_terrain = matches!(setting, Setting::GroundPx(_));
+            let is_terrain = matches!(setting, Setting::GroundPx(_) | Setting::QualitySteps(_));
             assert_eq!(worst.ground_triangles < best.ground_triangles, is_terrain, "{times:?}");
         }
     }
