@@ -118,7 +118,7 @@ impl Program {
         )
     }
 
-    /// Draws into a file of the same size, headless.
+    /// Draws into a file of the same size, unless `--window` says another, headless.
     pub(crate) fn headless(address: &str, picture: &Path, arguments: &[&str]) -> Self {
         let output = ["--headless", "--output", picture.to_str().unwrap()];
         Self {
@@ -176,7 +176,6 @@ fn spawn(folder: &Path, address: Option<&str>, arguments: &[&str], display: Opti
     command
         .current_dir(folder)
         .args(address)
-        .args(["--window", &format!("{width}x{height}")])
         .args(arguments)
         // Neither the user's settings nor what they opened last.
         .env("XDG_CONFIG_HOME", "/dev/null")
@@ -186,6 +185,9 @@ fn spawn(folder: &Path, address: Option<&str>, arguments: &[&str], display: Opti
         .env_remove("RUST_LOG")
         .stdout(Stdio::piped())
         .stderr(Stdio::piped());
+    if !arguments.contains(&"--window") {
+        command.args(["--window", &format!("{width}x{height}")]);
+    }
     // A missing or nonexistent runtime folder of the session is no error.
     match display {
         Some(Display { name, runtime: Some(runtime), .. }) => {
