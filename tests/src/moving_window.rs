@@ -110,7 +110,8 @@ fn no_object_disappears_while_the_camera_moves() {
     let stats = folder.path().join("stats.json");
     let program = Program::in_window(
         &server.url(Transport::Quic),
-        &["--no-overlay", "--pixel-error", "0.1", "--stats", stats.to_str().unwrap()],
+        // While the camera moves, a slow device asks for 16 times as much.
+        &["--no-overlay", "--pixel-error", "0.025", "--stats", stats.to_str().unwrap()],
     );
     let window = program.window();
     let [from, to] = COLUMNS;
